@@ -189,6 +189,22 @@ def delay(seconds):
     return fault
 
 
+def smooth(seconds):
+    """Fault: torques behind a filter of first order."""
+    from scipy.signal import lfilter
+
+    def fault(folder, rng):
+        def change(table):
+            kept = np.exp(-np.median(np.diff(table["t"])) / seconds)
+            for name in folder.columns("tau"):
+                y = table[name].to_numpy()
+                table[name] = lfilter([1.0 - kept], [1.0, -kept], y, zi=[kept * y[0]])[0]
+
+        return folder.change(change)
+
+    return fault
+
+
 def load_undeclared(folder, rng):
     """Fault: a payload of a tenth of the robot's mass that is not declared."""
     from wearscope.robots.dynamics import Payload
@@ -268,6 +284,8 @@ FAULTS = {
     "20 ms late": (delay(0.020), ("late tau",), True),
     "40 ms late": (delay(0.040), ("late tau",), False),
     "60 ms late": (delay(0.060), ("late tau",), False),
+    "behind a filter of 15 ms": (smooth(0.015), ("late tau", "follow the motion"), True),
+    "behind a filter of 50 ms": (smooth(0.050), ("late tau",), False),
     "payload undeclared": (load_undeclared, (), True),
     "wraps round": (wrap, ("wrap", "step q"), False),
     "clipped": (clip, ("clipped tau", "at a limit"), False),

@@ -1,13 +1,16 @@
 """Two measured machines: what is named, the error on runs that were not fitted, and no joint worse."""
 
 import os
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose
 
 DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -76,3 +79,24 @@ def test_industrial_arm_has_a_balancer_and_another_load_and_no_joint_is_worse():
     for joint, percent in (("a1", 5.7), ("a2", 6.2), ("a3", 5.1)):
         assert verdict["joints"][joint]["left_percent"] < percent
     assert any(note.startswith("a1: the named body alone") for note in verdict["notes"])
+
+
+@pytest.mark.parametrize("delay", [0.04, -0.04, 0.0])
+def test_delayed_torques_of_a_double_pendulum_are_told(tmp_path, delay):
+    """Both joints; 6 ms are the recorder's own. The model leaves a third of the torques (RMS)."""
+    files = []
+    for path in sorted(locate("double_pendulum").glob("*.csv")):
+        table = pd.read_csv(path)
+        for name in ("tau_meas1", "tau_meas2"):
+            table[name] = np.interp(table["time"] - delay, table["time"], table[name])
+        files.append(str(tmp_path / path.name))
+        table.iloc[50:-50].to_csv(files[-1], index=False)
+    urdf = str(locate("double_pendulum") / "acrobot.urdf")
+    done = CliRunner().invoke(
+        wearscope, ["new", "dataset", *files, "--urdf", urdf, "--name", "d", "--in", str(tmp_path)]
+    )
+    told = re.search(r"come (\d+) ms (late|early)", str(done.exception))
+    assert (told is None) == (delay == 0.0) == (done.exit_code == 0)
+    if told:
+        assert told[2] == ("late" if delay > 0 else "early")
+        assert int(told[1]) == pytest.approx(1000 * abs(delay + 0.006), abs=6)

@@ -56,6 +56,8 @@ class Reading:
     products : Products
     any_size : bool
         Whether a body of any size is no rival of it.
+    shown : bool
+        Whether a test of its own shows it, whatever it leaves.
     """
 
     told: str
@@ -63,6 +65,7 @@ class Reading:
     joints: tuple[int, ...]
     products: Products
     any_size: bool = False
+    shown: bool = False
 
     @cached_property
     def fit(self) -> Fit:

@@ -7,10 +7,12 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import Rows
+from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, Rows, is_clearly_less
 
 #: Rows on which a direction is sought; part of gravity along an axis below which there is none.
 _FEW, _LEVEL = 300, 0.03
+#: Share of a torque's variance, or cost of the links, that is much.
+_POOR = 0.1
 #: Cosine of the angle to the stated direction from which there is no other.
 _AS_STATED = 0.9
 
@@ -25,11 +27,16 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     none = replace(rows, gravity=0.0).products
     friction = np.nanmean(none.fit().friction[list(heard)]) if heard else 0.0
     what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
+    stated = rows.products.fit()
+    # Links that weigh next to nothing fit as well where friction and the drives' inertia make the torque.
+    # What is stated is wrong either way, where it leaves much.
+    poor = bool(max(np.nanmax(stated.left, initial=0.0), stated.cost) > _POOR)
+    light = poor and not is_clearly_less(none.fit().total, rows.products.any_size, DOUBTFUL)
     told = (
-        f'the torque has {what} in it; write "torque: without_gravity" in dataset.yaml, or record the '
-        "motors' whole torque."
+        f"the torque has {what} in it{', or masses are far too large' if light else ''}; write "
+        '"torque: without_gravity" in dataset.yaml, or record the motors\' whole torque.'
     )
-    yield Reading(told, ("without_gravity tau",), heard, none)
+    yield Reading(told, ("without_gravity tau",), heard, none, any_size=poor)
     yield from read_mount(asked, heard)
     if not 9.7 < size < 9.9:
         told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
@@ -59,10 +66,14 @@ def _find_gravity(rows: Rows, any_size: bool) -> np.ndarray | None:
     few = rows.thin(_FEW)
     stated = np.array(rows.bodies[0].gravity)
     size = np.linalg.norm(stated)
+    # Torques are linear in gravity: three directions and none give all.
+    none = replace(few, gravity=0.0).slack
+    along = [_with_gravity(few, size * one).slack - none for one in np.eye(3)]
 
     def miss(direction: np.ndarray) -> float:
-        gravity = size * direction / max(np.linalg.norm(direction), 1e-9)
-        return _with_gravity(few, gravity).products.miss(any_size)
+        one = direction / max(np.linalg.norm(direction), 1e-9)
+        slack = none + one[0] * along[0] + one[1] * along[1] + one[2] * along[2]
+        return few.with_slack(slack).products.miss(any_size)
 
     every = np.array([one for one in np.ndindex(3, 3, 3) if one != (1, 1, 1)], dtype=float) - 1.0
     start = min(every, key=miss)

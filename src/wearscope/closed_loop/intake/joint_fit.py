@@ -29,6 +29,8 @@ _COST, _CARRIED, _LOADED = 0.02, 0.01, 0.05
 LEAST_ROWS = 30
 #: Share of a torque's variance that a reading removes at least.
 WORTH = 0.05
+#: What the stated reading must leave for others to be asked, in shares of a torque's variance.
+DOUBTFUL = 0.015
 #: Share of a torque's variance that is none.
 NONE = 0.01
 #: What one reading leaves is clearly less where it is this share of what another does, and so much less.
@@ -81,11 +83,18 @@ class Rows:
 
     def is_worth(self, total: float, any_size: bool = False) -> bool:
         """Whether a reading leaves clearly less than springs and balancers of all joints would."""
-        return is_clearly_less(total, replace(self, springs=True).products.miss(any_size), WORTH)
+        return is_clearly_less(total, self.sprung.miss(any_size), WORTH)
 
     def rivals_springs(self, total: float) -> bool:
         """Whether a reading does about as well as springs and balancers of all joints would."""
-        return total < 2.0 * replace(self, springs=True).products.fit().total + NONE
+        return total < 2.0 * self.sprung.fit().total + NONE
+
+    @cached_property
+    def sprung(self) -> "Products":
+        """What a fit with springs needs."""
+        other = replace(self, springs=True)
+        other.__dict__.update({"slack": self.slack, "known": self.known})
+        return other.products
 
     @property
     def n(self) -> int:
@@ -95,7 +104,10 @@ class Rows:
     def pick(self, at: np.ndarray) -> "Rows":
         """Some of the rows."""
         parts = {name: getattr(self, name)[at] for name in ("q", "v", "a", "sign", "tau", "counts", "run")}
-        return replace(self, **parts)
+        other = replace(self, **parts)
+        for name in {"slack", "known"} & set(self.__dict__):
+            other.__dict__[name] = self.__dict__[name][at]
+        return other
 
     def thin(self, most: int) -> "Rows":
         """Rows enough for a first look."""
@@ -105,45 +117,62 @@ class Rows:
         """Columns of the joints by a factor (n,)."""
         return replace(self, **{name: getattr(self, name) * factor for name in names})
 
-    def _body(self, run: int) -> RigidBody:
-        body = self.bodies[run]
-        if self.gravity == 1.0:
-            return body
-        return body.with_gravity((self.gravity * np.array(body.gravity)).tolist())
+    def with_slack(self, slack: np.ndarray) -> "Rows":
+        """The same rows with another regressor of the links' parameters (N, n, P)."""
+        other = replace(self)
+        other.__dict__["slack"] = slack
+        return other
+
+    @cached_property
+    def slack(self) -> np.ndarray:
+        """Regressor (N, n, P) of the links' parameters."""
+        body = self.bodies[0]
+        if self.gravity != 1.0:
+            body = body.with_gravity((self.gravity * np.array(body.gravity)).tolist())
+        return body.inertial_regressor(self.q, self.v, self.a)
 
     @cached_property
     def known(self) -> np.ndarray:
         """Torque of the stated rigid body, payload and rotors (N, n)."""
         known = self.inertia * self.a
         for run in np.unique(self.run).tolist():
-            at = self.run == run
-            known[at] += self._body(run).inverse_dynamics(self.q[at], self.v[at], self.a[at])
+            at, body = self.run == run, self.bodies[run]
+            links = body.inertial_parameters
+            if body.payload is not None:
+                links[-N_PARAMETERS:] += body.payload.parameters
+            known[at] += self.slack[at] @ links
         return known
 
     def with_torques(self, tau: np.ndarray) -> "Rows":
         """The same motion with other torques (N, n)."""
         other = replace(self, tau=tau)
-        other.__dict__.update(known=self.known, columns=self.columns)
+        other.__dict__.update(slack=self.slack, known=self.known, columns=self.columns)
         return other
 
     @cached_property
-    def columns(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Columns of each joint less their mean (K, P), and their products: links, drive, stated body."""
-        slack = self._body(0).inertial_regressor(self.q, self.v, self.a)
+    def columns(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Columns of each joint less their mean (K, U), their places among all, and their products (P, P).
+
+        In the order of links, drive, stated body; links that do not act on a joint have none there.
+        """
+        size = self.slack.shape[2] + len(DRIVE) + 1
         made = []
         for j in range(self.n):
             at = self.counts[:, j]
             if at.sum() < LEAST_ROWS:
-                made.append((np.zeros((0, 0)), np.zeros((0, 0))))
+                made.append((np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((size, size))))
                 continue
+            slack = self.slack[at, j]
+            acts = np.flatnonzero(slack.any(axis=0))
             known = self.known[at, j]
             sign, load = self.sign[at, j], self.sign[at, j] * np.abs(known)
             speed = np.abs(self.v[at, j]) / max(self.top[j], 1e-300)
             falls = [np.exp(-speed / share) for share in _FALLS]
             friction = [sign, self.v[at, j], *(sign * f for f in falls), load, *(load * f for f in falls)]
-            x = np.column_stack([slack[at, j], self.a[at, j], *friction, known])
-            x = self._take_out(x, j)
-            made.append((x, x.T @ x))
+            x = self._take_out(np.column_stack([slack[:, acts], self.a[at, j], *friction, known]), j)
+            places, products = np.append(acts, np.arange(slack.shape[1], size)), np.zeros((size, size))
+            products[np.ix_(places, places)] = x.T @ x
+            made.append((x, places, products))
         return made
 
     def _take_out(self, columns: np.ndarray, joint: int) -> np.ndarray:
@@ -157,9 +186,8 @@ class Rows:
     @cached_property
     def products(self) -> "Products":
         """What a fit needs of these rows."""
-        deviations = _deviations(self.bodies[0], self.inertials)
-        scale, grams, units = np.zeros(self.n), [], np.append(deviations, np.ones(len(DRIVE) + 2))
-        for j, (x, own) in enumerate(self.columns):
+        scale, grams, units = np.zeros(self.n), [], self._units
+        for j, (x, places, own) in enumerate(self.columns):
             y = self.tau[self.counts[:, j], j]
             y = y - y.mean() if len(y) else y
             if not len(x) or not y.std() > 0.0:
@@ -167,10 +195,37 @@ class Rows:
                 continue
             scale[j] = y.std()
             y = self._take_out(y[:, None], j)[:, 0]
-            cross = x.T @ y
+            cross = np.zeros(len(own))
+            cross[places] = x.T @ y
             gram = np.block([[own, cross[:, None]], [cross[None, :], np.array([[y @ y]])]])
             grams.append(gram * np.outer(units, units) / (len(y) * scale[j] ** 2))
-        return Products(grams, scale, len(deviations))
+        return Products(grams, scale, len(units) - len(DRIVE) - 2)
+
+    @cached_property
+    def fitted(self) -> "Fit":
+        """Fit of all joints."""
+        return self.products.fit()
+
+    @property
+    def _units(self) -> np.ndarray:
+        """Units of the columns of links, drive, stated body and torque."""
+        return np.append(_deviations(self.bodies[0], self.inertials), np.ones(len(DRIVE) + 2))
+
+    def leave(self, blocks: np.ndarray) -> np.ndarray:
+        """What the fit of all rows leaves in blocks of them, (B, n), in shares of each torque's variance.
+
+        Parameters
+        ----------
+        blocks : ndarray (N,) of int
+        """
+        out = np.zeros((blocks.max() + 1, self.n))
+        for j, found in self.fitted.found.items():
+            at, (x, places, _) = self.counts[:, j], self.columns[j]
+            y = self._take_out(self.tau[at, j][:, None], j)[:, 0]
+            own = np.append(found, 1.0) * self._units[:-1]
+            errors = (y - x @ own[places]) / self.products.scale[j]
+            out[:, j] = np.bincount(blocks[at], errors**2, len(out)) / at.sum()
+        return out
 
 
 @lru_cache(maxsize=64)
@@ -203,16 +258,24 @@ class Fit:
         Of links that differ from the stated ones.
     friction : ndarray (n,)
         Share of the variance that friction makes.
+    found : dict of int to ndarray
+        By joint, coefficients of its links over what costs `_COST`, and of its drive.
     """
 
     left: np.ndarray
     cost: float
     friction: np.ndarray
+    found: dict[int, np.ndarray]
 
     @property
     def total(self) -> float:
         """Of all joints, and the links' cost."""
         return float(np.nansum(self.left)) + self.cost
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether enough is left for another reading to be asked for."""
+        return self.total >= DOUBTFUL
 
 
 @dataclass(frozen=True)
@@ -278,17 +341,17 @@ class Products:
         solved = linalg.cho_solve(factor, np.column_stack([cross, right_links]))
         found = _solve_non_negative(drive - cross.T @ solved[:, :-1], right - cross.T @ solved[:, -1])
         moved = solved[:, -1] - solved[:, :-1] @ found
-        left, friction = np.full(n, np.nan), np.zeros(n)
+        left, friction, every = np.full(n, np.nan), np.zeros(n), dict[int, np.ndarray]()
         for k, j in enumerate(heard):
             part, b, whole = made[k]
             own = found[d * k : d * (k + 1)]
-            z = np.concatenate([moved, own])
+            z = every[j] = np.concatenate([moved, own])
             # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
             rounding = len(z) * np.finfo(float).eps * whole
             left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, rounding)
             rubs = own[FRICTION]
             friction[j] = rubs @ part[p : p + d, p : p + d][FRICTION, FRICTION] @ rubs
-        return Fit(left, _COST * float(moved @ moved), friction)
+        return Fit(left, _COST * float(moved @ moved), friction, every)
 
     def miss(self, any_size: bool = False) -> float:
         """What all joints leave, with torques as they are or each of any size."""
@@ -340,8 +403,11 @@ def _solve_non_negative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     some = np.flatnonzero(size > 1e-8 * size.max(initial=0.0))
     out = np.zeros(len(b))
     if len(some):
-        values, vectors = linalg.eigh(a[np.ix_(some, some)] / np.outer(size[some], size[some]))
-        root = np.sqrt(np.maximum(values, 0.0) + _HELD)
-        right = vectors.T @ (b[some] / size[some]) / root
-        out[some] = optimize.nnls(root[:, None] * vectors.T, right)[0] / size[some]
+        one, right = a[np.ix_(some, some)] / np.outer(size[some], size[some]), b[some] / size[some]
+        try:
+            root = np.linalg.cholesky(one + _HELD * np.eye(len(one))).T
+        except np.linalg.LinAlgError:  # by rounding, of columns that say next to nothing
+            values, vectors = linalg.eigh(one)
+            root = np.sqrt(np.maximum(values, 0.0) + _HELD)[:, None] * vectors.T
+        out[some] = optimize.nnls(root, np.linalg.solve(root.T, right))[0] / size[some]
     return out

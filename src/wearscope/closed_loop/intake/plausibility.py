@@ -13,8 +13,9 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
+from wearscope.closed_loop.intake.lags import find_lag
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
-from wearscope.closed_loop.intake.readings import Readings, find_lag, find_reading
+from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.signal_checks import check_signals
 from wearscope.closed_loop.intake.sizes import find_constants, find_impossible_sizes, leave, say_sizes
@@ -152,7 +153,7 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
     """Torques by a constant that is off, or of masses that are: one fit does not tell them apart."""
     size = find_constants(whole.products)
     if np.all(size == 1.0):
-        size = find_constants(replace(whole, springs=True).products)
+        size = find_constants(whole.sprung)
     joints = prepared.dataset.joints
     prepared.torque_factors = {joints[j]: float(size[j]) for j in np.flatnonzero(size != 1.0)}
     if not prepared.torque_factors:
@@ -263,7 +264,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
             )
             prepared.refuse(str(prepared.dataset.folder / run.file), told, "unrelated tau")
     # Links may weigh less than stated, and then an overstated body leaves more than there is.
-    held = replace(whole, springs=True).products
+    held = whole.sprung
     own = np.nan_to_num(np.fmin.reduce([held.fit().left, *held.fit_sizes()[1:]]))
     bad = np.flatnonzero(own > _UNJUDGED)
     names, sizes = [f"tau_{prepared.dataset.joints[j]}" for j in bad], 100 * np.sqrt(own[bad])

@@ -10,12 +10,12 @@ from dataclasses import replace
 from itertools import islice
 
 import numpy as np
-from scipy import optimize
 
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity, read_mount
-from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, Fit, Products, Rows, is_clearly_less
+from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, Fit, Products, Rows, is_clearly_less
+from wearscope.closed_loop.intake.lags import read_lag
 from wearscope.closed_loop.intake.scales import read_scales
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros
@@ -27,17 +27,12 @@ _EXCHANGED: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
     (_MOTION, ("q",)),
     ((*_MOTION, "tau"), ("q", "tau")),
 )
-#: What the stated reading must leave for others to be asked, in shares of a torque's variance; a reading's
-#: joints must then keep less than a share of what it removes. Totals that differ by less are alike. Where a
-#: joint keeps, or its links cost, more than the last, two faults at once are asked for.
-_DOUBTFUL, _CLEAR, _ALIKE, _POOR = 0.015, 0.3, 0.02, 0.1
+#: A reading's joints must keep less than a share of what it removes, where no test of its own shows it.
+#: Totals that differ by less are alike. Where a joint keeps, or its links cost, more than the last, its own
+#: columns may be exchanged, and two faults at once are asked for.
+_CLEAR, _ALIKE, _POOR = 0.3, 0.02, 0.1
 #: Rows of a first look; least span of a position in degrees that is a motion.
 _FIRST_LOOK, _LEAST_DEGREES = 450, 1.0
-#: Longest delay that is sought, its step, and the least that is the recorder's [s];
-#: runs that must show it, at most; delays of two runs that differ by less are alike.
-_LONGEST, _STEP, _LAG, _MOST_RUNS, _ALIKE_DELAY = 0.3, 0.02, 0.025, 8, 0.011
-#: Lag [s] from which it is told; share of what is left that twice as much leaves at most where it is sought.
-_SOON, _SOONER = 0.005, 0.8
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 
@@ -50,7 +45,7 @@ class Readings:
     def __init__(self, asked: Asked) -> None:
         self.asked, self._made = asked, list[Reading]()
         stated = asked.rows.products.fit()
-        self._rest = iter(()) if stated.total < _DOUBTFUL else _list_readings(asked, stated)
+        self._rest = _list_readings(asked, stated) if stated.is_doubtful else iter(())
 
     def list_without(self, ignored: frozenset[str]) -> Iterator[Reading]:
         """Those without some codes."""
@@ -77,15 +72,17 @@ def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Read
     asked = every.asked
     stated = asked.rows.products.fit()
     best = _choose(every.list_without(ignored), stated, asked.rows.products.any_size)
-    some = list(every.list_without(ignored)) if best is None else []
+    # What a test of its own has shown may be one of two faults.
+    some = list(every.list_without(ignored)) if best is None or best.shown else []
     if some and max(np.nanmax(stated.left), stated.cost) > _POOR:
         other = [one for one in some if not one.codes[0].startswith("gain ")]
-        better = [one for one in other if one.fit.total < stated.total - _DOUBTFUL]
+        better = [one for one in other if one.fit.total < stated.total - DOUBTFUL]
         heard = tuple(asked.rows.products.heard)
         better += [*read_mount(asked, heard, any_size=True), *read_zeros(asked, any_size=True)]
         better += read_scales(asked, any_size=True)
         pairs = [pair for one in better for pair in read_sizes(asked, one)]
-        best = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
+        pair = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
+        best = pair or best
     return best
 
 
@@ -94,14 +91,15 @@ def _choose(readings: Iterable[Reading], stated: Fit, rival: float) -> Reading |
     best: Reading | None = None
     for reading in readings:
         removed = stated.total - reading.fit.total
-        if removed > _DOUBTFUL and not reading.any_size:
+        if removed > DOUBTFUL and not reading.any_size:
             removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))
         own, before = (fit.left[list(reading.joints)] for fit in (reading.fit, stated))
         # A torque that is noise is left by every reading, and speaks for none where most joints do.
         speaks = np.abs(before - own) > _CLEAR * own
         kept = float(np.nansum(own[speaks] if np.mean(speaks) > 0.5 else own))
         # What is removed of its torques is at most all that they vary: their misfit may be any size.
-        if removed < _DOUBTFUL or kept > _CLEAR * min(removed, len(reading.joints)):
+        held = kept > _CLEAR * min(removed, len(reading.joints)) and not reading.shown
+        if removed < DOUBTFUL or held:
             continue
         if best is None or is_clearly_less(reading.fit.total, best.fit.total, _ALIKE):
             best = reading
@@ -118,7 +116,7 @@ def _list_readings(asked: Asked, stated: Fit) -> Iterator[Reading]:
     turned = _turn_torques(rows)
     if turned is not None:
         yield _tell_turned(asked, turned, np.zeros(rows.n, dtype=bool), rows.products.resize(_signs(turned)))
-    yield from _read_delay(asked, heard)
+    yield from read_lag(asked, heard)
     told = "the torques fit the motion run backwards; sort the rows by time."
     yield Reading(told, ("backwards t",), heard, rows.products.run_backwards())
     yield from _read_units(asked, heard)
@@ -179,73 +177,6 @@ def _tell_turned(asked: Asked, torques: np.ndarray, positions: np.ndarray, read:
     return Reading(told, tuple(codes), tuple(np.flatnonzero(torques | positions).tolist()), read)
 
 
-def _read_delay(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
-    """A delay between the torque and the position channels of the whole recorder, the same in most runs."""
-    rows = asked.rows
-    # Beyond the ends of a recording there is no torque.
-    inside = np.flatnonzero(asked.room > _LONGEST)
-    if not heard or rows.counts[inside].sum(axis=0).max(initial=0) < LEAST_ROWS:
-        return
-    delay = _find_delay(asked, inside[:: max(1, len(inside) // _FIRST_LOOK)])
-    if abs(delay) < _LAG:
-        return
-    single = []
-    for run in np.unique(rows.run[inside]).tolist()[:_MOST_RUNS]:
-        at = inside[rows.run[inside] == run]
-        if rows.counts[at].sum(axis=0).max() >= LEAST_ROWS:
-            single.append(_find_delay(asked, at))
-    if np.mean(np.abs(np.array(single) - delay) < _ALIKE_DELAY) < 0.75:
-        return
-    told = f"the torque channels come {1000 * abs(delay):.0f} ms {'late' if delay > 0 else 'early'} against "
-    told += "the positions; align the channels, or declare time_delay."
-    read = rows.pick(inside).with_torques(asked.torque_at(delay, 0)[inside])
-    yield Reading(told, ("late tau",), heard, read.products, True)
-
-
-def find_lag(asked: Asked) -> float | None:
-    """Time [s] by which a delay or a filter of first order makes all torques late; None where neither does.
-
-    It must leave a small share of what is left without it, at no joint more than half.
-    """
-    at = np.flatnonzero(asked.room > _LONGEST)
-    at = at[:: max(1, len(at) // _FIRST_LOOK)]
-    rows = asked.rows.pick(at)
-    heard, stated = rows.products.heard, rows.products.fit()
-    if not heard or stated.total < _DOUBTFUL:
-        return None
-
-    def late(lag: float) -> Fit:
-        return rows.with_torques(asked.torque_at(lag, 0)[at]).products.fit()
-
-    def smooth(lag: float) -> Fit:
-        return rows.with_torques((asked.torque_at(0.0, 0) + lag * asked.torque_at(0.0, 1))[at]).products.fit()
-
-    if late(2.0 * _SOON).total > _SOONER * stated.total:
-        return None
-
-    bounds = {"bounds": (0.0, _LONGEST), "method": "bounded", "options": {"xatol": 1e-3}}
-    filtered = float(optimize.minimize_scalar(lambda lag: smooth(lag).total, **bounds).x)
-    delay = _find_delay(asked, at)
-    fit, lag = min((smooth(filtered), filtered), (late(delay), delay), key=lambda one: one[0].total)
-    clear = fit.total < _CLEAR * stated.total and np.all(fit.left[heard] < 0.5 * stated.left[heard])
-    return lag if clear and lag > _SOON else None
-
-
-def _find_delay(asked: Asked, at: np.ndarray) -> float:
-    """Delay at which some rows leave least."""
-    rows = asked.rows.pick(at)
-
-    def miss(delay: float) -> float:
-        return rows.with_torques(asked.torque_at(delay, 0)[at]).products.fit().total
-
-    coarse = np.arange(-_LONGEST, _LONGEST + 0.5 * _STEP, _STEP).tolist()
-    best = min(coarse, key=miss)
-    fine = optimize.minimize_scalar(
-        miss, bounds=(best - _STEP, best + _STEP), method="bounded", options={"xatol": 5e-4}
-    )
-    return float(np.clip(fine.x, -_LONGEST, _LONGEST))
-
-
 def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     rows = asked.rows
     slides = np.array(asked.slides)
@@ -295,8 +226,9 @@ def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
 
 def _read_exchanges(asked: Asked, stated: Fit) -> Iterator[Reading]:
     """Columns of two joints exchanged, and of the kinds of one."""
-    doubtful = [j for j in range(asked.rows.n) if stated.left[j] > _DOUBTFUL or asked.rows.n == 1]
-    for j in doubtful:
+    doubtful = [j for j in range(asked.rows.n) if stated.left[j] > DOUBTFUL or asked.rows.n == 1]
+    # A torque that its joint's motion explains is no position.
+    for j in [j for j in doubtful if stated.left[j] > _POOR or asked.rows.n == 1]:
         names = [f"q_{asked.joints[j]}", f"tau_{asked.joints[j]}"]
         told = f"columns {say_columns(names)} look swapped; exchange them."
         yield Reading(told, (f"exchanged {' '.join(names)}",), (j,), asked.swapped(j).products)

@@ -6,12 +6,14 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.joint_fit import Rows
+from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
 
 #: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
 _FEW, _OF_ALL, _OF_ONE, _BETWEEN = 200, np.arange(-3.0, 3.01, 0.5), np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
-#: Octaves by which a factor of one differs from none; share of what the stated positions leave, at most;
-#: share of what is left that another joint's factor leaves at most.
+#: Octaves of a turn, half and quarter ones, and a degree.
+_KNOWN = np.log2([2.0 * np.pi, np.pi, 0.5 * np.pi, np.pi / 180.0])
+#: Octaves by which a factor of one differs from none, or from a known one; share of what the stated positions
+#: leave, at most; share of what is left that another joint's factor leaves at most.
 _ONE, _CLEAR, _BETTER = 0.05, 0.3, 0.7
 
 
@@ -37,7 +39,10 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     moved = np.flatnonzero(octaves)
     if not len(moved) or least > _CLEAR * stated or not few.is_worth(least, any_size):
         return
-    names, sizes = asked.names(moved, "q"), [f"{2.0 ** octaves[j]:.4g}" for j in moved]
+    nearest = _KNOWN[np.argmin(np.abs(octaves[:, None] - _KNOWN), axis=1)]
+    known = np.where(np.abs(octaves - nearest) < _ONE, nearest, octaves)
+    octaves = octaves if is_clearly_less(least, miss(known), WORTH) else known
+    names, sizes = asked.names(moved, "q"), [f"{2.0 ** octaves[j]:.5g}" for j in moved]
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
     told = (
         f"{say_columns(names)} {'fit' if len(moved) > 1 else 'fits'} the URDF where multiplied by "
