@@ -75,13 +75,13 @@ def table():
     return pd.DataFrame(np.column_stack([T, Q, TAU]), columns=NAMES)
 
 
-def by_row(key, names, values=("position", "torque")):
+def by_row(key, names, values=("position", "torque"), sort="time"):
     """A row for each joint and time."""
     long = [
         pd.DataFrame({"time": T, key: name, values[0]: Q[:, k], values[1]: TAU[:, k]})
         for k, name in enumerate(names)
     ]
-    return pd.concat(long).sort_values("time", kind="stable").to_csv(index=False)
+    return pd.concat(long).sort_values(sort, kind="stable").to_csv(index=False)
 
 
 def say_time(form, start="2026-03-11 23:59:55", **options):
@@ -96,6 +96,15 @@ def say_in_german(x):
 TABLES = {
     "joints by name": by_row("joint", ["left_axis", "right_axis"]),
     "joints by number": by_row("axis", [1, 2], ("position_rad", "torque_Nm")),
+    "joints one below the other": by_row("joint", ["left_axis", "right_axis"], sort="joint"),
+    "printed signs": table().to_csv(index=False).replace("-", "\u2212"),
+    "a date and a time": say_time(lambda one: one.strftime("%d/%m/%Y,%H:%M:%S.%f"), "2026-03-11").replace(
+        "time,", "Date,Time,"
+    ).replace('"', ""),
+    "a moment of arrival": table().assign(
+        arrival_time=1e9 + T + np.random.default_rng(0).exponential(0.02, len(T))
+    )[["arrival_time", *NAMES]].to_csv(index=False),
+    "units at the end": "t,J1_rad,J2_rad,J1_Nm,J2_Nm\n" + table().to_csv(index=False, header=False),
     "signals": table().melt("time", var_name="signal").sort_values("time", kind="stable").to_csv(index=False),
     "german dates": say_time(
         lambda one: one.strftime("%d.%m.%Y %H:%M:%S,%f"), sep=";", decimal=","
@@ -163,10 +172,28 @@ def test_packed_files_that_are_several_large_or_no_table_are_told(tmp_path, monk
         read_recording(pack(tmp_path / "a.csv.gz", "a.csv", HEADER + "1,1,1,1,1\n" * 1000))
 
 
-def test_a_state_that_changes_is_no_joint(tmp_path):
-    frame = table().assign(channel_mode=np.where(np.sin(T) > 0, "a", "b"), joint=np.arange(len(T)) // 700)
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"channel_mode": np.where(np.sin(T) > 0, "a", "b")},
+        {"joint": np.arange(len(T)) // 700},
+        {"run_id": np.arange(len(T)) // 700, "time": np.tile(T[:700], 2)},
+    ],
+    ids=["state", "joint that is tested", "recording"],
+)
+def test_what_changes_now_and_then_is_no_joint(tmp_path, other):
+    frame = table().assign(**other)
     frame.to_csv(tmp_path / "a.csv", index=False)
     assert list(spread_states(read_recording(tmp_path / "a.csv")[0]).columns) == list(frame.columns)
+
+
+def test_cells_that_are_no_numbers_are_told_not_left_out(tmp_path):
+    (tmp_path / "r.urdf").write_text(URDF)
+    frame = table().astype({"q_2": object})
+    frame.loc[::7, "q_2"] = "1.2.3"
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(InputError, match=r"column 'q_2' has cells that are no numbers, such as '1\.2\.3'"):
+        convert_recordings([tmp_path / "a.csv"], tmp_path / "r.urdf", Mapped())
 
 
 def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):

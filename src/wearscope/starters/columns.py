@@ -15,7 +15,7 @@ SHARES = ("%", "‰", "permille", "percent")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
-    "encoders pulse pulses lage th",
+    "encoders enc pulse pulses lage th",
     "velocity": "qd dq qp dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
     "geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
@@ -161,8 +161,8 @@ def _split_unit(text: str) -> tuple[str, str]:
 
 
 def _kind_by_unit(name: str) -> str | None:
-    """Kind of a column by the unit in its brackets; None where it has none, or one of several kinds."""
-    for text in _BRACKETS.findall(name):
+    """Kind of a column by the unit in its brackets or at its end; None where none, or several, have it."""
+    for text in [*_BRACKETS.findall(name), *(one for one in _SUFFIX.findall(name) if len(one) > 1)]:
         word, time = _split_unit(text)
         kinds = ("velocity",) if time in ("s", "sec", "min") else ("position", "torque", "current")
         found = [kind for kind in kinds if word in _UNITS_OF[kind]]

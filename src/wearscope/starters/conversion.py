@@ -13,14 +13,15 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints
 from wearscope.robots.urdf_file import Joint, parse_urdf
-from wearscope.starters.columns import count_numbered, find_groups, find_time, name_joints
+from wearscope.starters.columns import count_numbered, find_groups, name_joints
 from wearscope.starters.figures import take_option
 from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.held import take_news
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
-from wearscope.starters.stamps import find_rate, find_restarts, order_rows, to_seconds
+from wearscope.starters.stamps import find_clock, find_rate, find_restarts, order_rows, to_seconds
+from wearscope.starters.text_files import find_odd
 from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
 from wearscope.starters.uses import Recorded, choose_uses, take_common_rate
 
@@ -102,7 +103,7 @@ def _split_restarts(
     """Each recording with its file, a name, its table and notes; several where a file's clock restarts."""
     parts = []
     for file, frame, told in read:
-        names = (mapped.time,) if mapped.time else find_time([str(c) for c in frame.columns])
+        names = (mapped.time,) if mapped.time else find_clock(frame)
         starts = find_restarts(frame[names[0]]) if names and names[0] in frame else []
         if not starts:
             parts.append((file, file, frame, told))
@@ -169,6 +170,12 @@ def _convert(
         raise InputError(f"{file}: column '{again[0]}' is taken for two things; name others by options.")
     table = frame.iloc[rows].reset_index(drop=True)
     numbers = table[used].apply(pd.to_numeric, errors="coerce")
+    for column in used:
+        if len(odd := find_odd(table[column], numbers[column])):
+            raise InputError(
+                f"{file}: column '{column}' has cells that are no numbers, such as '{odd.iloc[0][:40]}'; "
+                "write plain numbers with one decimal mark, or name another column."
+            )
     own = {kind: group.columns for kind, group in groups.items()}
     t, numbers, held = take_news(t, numbers, own, file.name)
     notes += held
@@ -226,7 +233,7 @@ def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]
     """Times [s] and the rows that they belong to."""
     if mapped.time is not None and mapped.time not in frame.columns:
         raise InputError(f"{file}: has no column '{mapped.time}'; correct --time.")
-    names = (mapped.time,) if mapped.time else find_time([str(c) for c in frame.columns])
+    names = (mapped.time,) if mapped.time else find_clock(frame)
     if not names:
         if mapped.rate is None:
             raise InputError(f"{file}: no column of time is found; name it with --time, or give --rate.")

@@ -9,7 +9,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
-from wearscope.starters.columns import says_time, split_name
+from wearscope.starters.columns import find_time, says_time, split_name
 
 #: Seconds in units that recorders write.
 _DAY = 86400.0
@@ -27,6 +27,8 @@ _SLOWEST, _FASTEST = 5.0, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
 _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6
+#: Most days of a recording, which alone are no time.
+_FEW_DATES = 2
 #: Share of a recording's time by which a clock that restarts goes back, and fewest rows of a recording.
 _BACK, _FEWEST = 0.5, 50
 #: Share of a column that must be numbers for the rest to be rows without a time.
@@ -124,6 +126,20 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
     )
 
 
+def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
+    """Column of the time that goes on, or the two of a stamp: no date next to it, no moment of arrival."""
+    every = [str(column) for column in frame.columns]
+    columns = list(every)
+    while names := find_time(columns):
+        stamps = frame[names[0]]
+        steps = np.diff(pd.to_numeric(stamps, errors="coerce").to_numpy(dtype=float))
+        back = np.mean(steps[np.isfinite(steps)] < 0.0) if np.isfinite(steps).any() else 0.0
+        if len(names) == 2 or (stamps.nunique() > _FEW_DATES and back <= _UNSORTED):
+            return names
+        columns.remove(names[0])
+    return find_time(every)
+
+
 def find_restarts(stamps: pd.Series) -> list[int]:
     """Rows at which a clock restarts, as where several recordings stand in one file.
 
@@ -166,9 +182,10 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
     kept = t[rows]
     again = np.concatenate([[False], np.diff(kept) <= 0.0])
     if np.mean(again) > _COARSE:
-        ticks = np.flatnonzero(~again)
+        # Where within its tick a clock begins and ends is not known.
+        ticks = np.flatnonzero(~again)[1:]
         kept = np.interp(np.arange(len(kept)), ticks, kept[ticks])
-        keep = np.concatenate([[True], np.diff(kept) > 0.0])
+        keep = np.concatenate([np.diff(kept) > 0.0, [False]])
         notes.append(f"{where}: the clock is coarser than the samples, which are spread between its ticks.")
         return rows[keep], kept[keep], notes
     if again.any():

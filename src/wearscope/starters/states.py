@@ -15,7 +15,7 @@ _LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
 _NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
 
 #: Words of a column that names a row's joint; share of rows in which it is another one's than in the last.
-_JOINT = set("joint joints axis axes achse jnt motor actuator gelenk name id signal channel variable".split())
+_JOINT = set("joint joints axis axes achse jnt motor actuator gelenk signal channel variable".split())
 _TURNS = 0.8
 
 
@@ -60,8 +60,10 @@ def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
     for key in [str(column) for column in frame.columns if str(column) not in time]:
         counts = frame[key].value_counts()
         # Joints take turns, and each comes as often as the others; a state or a recording's name does not.
-        named = bool(set(split_name(key)) & _JOINT) and frame[key].notna().all()
-        turns = named and np.mean(frame[key].to_numpy()[1:] != frame[key].to_numpy()[:-1]) > _TURNS
+        words = set(split_name(key)) if frame[key].notna().all() else set()
+        # Recordings have names and numbers, too, and follow each other.
+        turns = words & (_JOINT | {"name", "id"}) and _take_turns(frame[key])
+        turns = turns or (words & _JOINT and _follow(frame, key, time))
         if not turns or not 1 < len(counts) <= limits.JOINTS or counts.min() < _TURNS * counts.max():
             continue
         values = [column for column in frame.columns if column != key and str(column) not in time]
@@ -77,6 +79,20 @@ def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
             parts.append(rows.set_index(sample[rows.index])[values].rename(columns=named_so))
         return pd.concat(parts, axis=1).reset_index(drop=True)
     return frame
+
+
+def _take_turns(key: pd.Series) -> bool:
+    """Whether each row is of another joint than the one before."""
+    return bool(np.mean(key.to_numpy()[1:] != key.to_numpy()[:-1]) > _TURNS)
+
+
+def _follow(frame: pd.DataFrame, key: str, time: tuple[str, ...]) -> bool:
+    """Whether joints stand one below the other, each with all of the time."""
+    if len(time) != 1:
+        return False
+    ends = np.flatnonzero(frame[key].to_numpy()[1:] != frame[key].to_numpy()[:-1])
+    stamps = frame[time[0]].to_numpy()
+    return len(ends) == frame[key].nunique() - 1 and all(stamps[k + 1] < stamps[k] for k in ends)
 
 
 def _take_names(frame: pd.DataFrame) -> pd.DataFrame:

@@ -19,6 +19,8 @@ _COMMENTS = "#%/"
 _LOOK, _HEAD = 400, 8_000_000
 #: Share of a column that must be numbers for the rest to be none; of usual numbers in a row.
 _NUMBERS, _ROW = 0.5, 0.8
+#: Share of a column's cells that may be damaged.
+_FEW_ODD = 0.01
 
 
 @dataclass(frozen=True)
@@ -195,9 +197,21 @@ def _to_numbers(column: pd.Series, point: str) -> pd.Series:
     """Numbers of a column in which a few cells are none, as in a line of sums, or have marks by thousands."""
     mark, text = "." if point == "," else ",", column.astype(str).str.strip()
     grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
+    text = text.str.translate({0x2212: "-", 0x2013: "-"})  # signs as in print
     text = text.where(~grouped, text.str.replace(mark, "", regex=False)).str.replace(point, ".", regex=False)
     numbers = pd.to_numeric(text, errors="coerce")
-    return numbers if numbers.notna().sum() > _NUMBERS * column.notna().sum() else column
+    most = numbers.notna().sum() > _NUMBERS * column.notna().sum()
+    return column if not most or len(find_odd(column, numbers)) else numbers
+
+
+def find_odd(column: pd.Series, numbers: pd.Series) -> pd.Series:
+    """Cells that have digits and are no numbers, where they are more than a damaged few; else none.
+
+    A word says that there is no value.
+    """
+    odd = column[numbers.isna() & column.notna()].astype(str)
+    odd = odd[odd.str.contains(r"\d")]
+    return odd if len(odd) > _FEW_ODD * len(column) else odd[:0]
 
 
 def _drop_repeated(path: Path, frame: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
