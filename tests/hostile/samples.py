@@ -161,9 +161,9 @@ def write_archive(path: Path) -> None:
         ("report.html", PAGE.encode()), ("verdict.json", json.dumps(VERDICT).encode()),
     ]  # fmt: skip
     table = io.BytesIO()
-    pq.write_table(
-        pa.table({"fda": ["A"], "rank": [1.0], "rank_low": [1.0], "rank_high": [2.0], "median": [3.0]}), table
-    )
+    ranking = {"rank": [1.0], "rank_low": [1.0], "rank_high": [2.0], "median": [3.0]}
+    ranking |= {"median_low": [2.0], "median_high": [4.0]}
+    pq.write_table(pa.table({"fda": ["A"], **ranking}), table)
     members.append(("ranking.parquet", table.getvalue()))
     sign(members)
     with tarfile.open(path, "w") as tar:

@@ -104,7 +104,7 @@ SUBJECTS = {
         _write_reevaluated, ("config/config.yaml", *_ARM), "reevaluate . --before arm --after after/model.yaml -n"
     ),
     "export": Subject(_write(arm=write_robot), _ARM, "export arm -n"),
-    "evaluate": Subject(_ARM_AND_DATA, (*_ARM, *_DATA), "evaluate arm data --out made", ("made",)),
+    "evaluate": Subject(_ARM_AND_DATA, (*_ARM, *_DATA), "evaluate arm data --temperature 40 --out made", ("made",)),
     "new robot": Subject(
         _write(arm=write_robot), ("arm/robot.urdf",), "new robot arm/robot.urdf --name made", ("made",)
     ),
