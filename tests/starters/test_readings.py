@@ -61,6 +61,23 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
+@pytest.mark.parametrize("n", [3, slow(4)])
+def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_it(tmp_path, n):
+    """Links of no weight would fit as well: the sentence says both."""
+    bench = Bench(tmp_path, n, 2.0, size=0.5)
+    bench.frequencies = (0.05, 0.11, 0.19)
+    bench.record(
+        lambda q, v, a, rng, t: (
+            chain(q, v, a, 2.0, 0.3, gravity=0.0)
+            + 40.0 * a
+            + rub(v, 20.0, 40.0)
+            + rng.normal(0, 0.5, q.shape)
+        )
+    )
+    assert "the torque has no gravity in it, or masses are far too large" in bench.refuse()
+    bench.accept("--reading", "without_gravity")
+
+
 def behind_filter(tau, lag, dt):
     """Torques (N, n) behind a filter of first order, by its recursion."""
     out = tau.copy()

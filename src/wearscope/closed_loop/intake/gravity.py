@@ -7,12 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, Rows, is_clearly_less
+from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, WORTH, Rows, is_clearly_less
 
 #: Rows on which a direction is sought; part of gravity along an axis below which there is none.
 _FEW, _LEVEL = 300, 0.03
-#: Share of a torque's variance, or cost of the links, that is much.
-_POOR = 0.1
 #: Cosine of the angle to the stated direction from which there is no other.
 _AS_STATED = 0.9
 
@@ -27,16 +25,16 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     none = replace(rows, gravity=0.0).products
     friction = np.nanmean(none.fit().friction[list(heard)]) if heard else 0.0
     what = "no gravity" if friction > 1e-3 else "neither gravity nor friction"
-    stated = rows.products.fit()
     # Links that weigh next to nothing fit as well where friction and the drives' inertia make the torque.
-    # What is stated is wrong either way, where it leaves much.
-    poor = bool(max(np.nanmax(stated.left, initial=0.0), stated.cost) > _POOR)
-    light = poor and not is_clearly_less(none.fit().total, rows.products.any_size, DOUBTFUL)
+    # What is stated is wrong either way, where no balancer explains what it leaves.
+    left = none.fit().total
+    wrong = is_clearly_less(left, rows.fitted.total, WORTH) and rows.is_worth(left)
+    light = wrong and not is_clearly_less(left, rows.products.any_size, DOUBTFUL)
     told = (
         f"the torque has {what} in it{', or masses are far too large' if light else ''}; write "
         '"torque: without_gravity" in dataset.yaml, or record the motors\' whole torque.'
     )
-    yield Reading(told, ("without_gravity tau",), heard, none, any_size=poor)
+    yield Reading(told, ("without_gravity tau",), heard, none, any_size=wrong)
     yield from read_mount(asked, heard)
     if not 9.7 < size < 9.9:
         told = f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2."
