@@ -6,7 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from wearscope.closed_loop.intake.joint_fit import Fit, Products, Rows
+from wearscope.closed_loop.intake.joint_fit import Rows
+from wearscope.closed_loop.intake.products import Fit, Products
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, WORTH, Rows, is_clearly_less
+from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
+from wearscope.closed_loop.intake.products import DOUBTFUL
 
 #: Rows on which a direction is sought; part of gravity along an axis below which there is none.
 _FEW, _LEVEL = 300, 0.03

@@ -14,8 +14,9 @@ import numpy as np
 from wearscope.closed_loop.intake.acceptance import exchange_code
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.gravity import read_gravity, read_mount
-from wearscope.closed_loop.intake.joint_fit import DOUBTFUL, Fit, Products, Rows, is_clearly_less
+from wearscope.closed_loop.intake.joint_fit import Rows, is_clearly_less
 from wearscope.closed_loop.intake.lags import read_lag
+from wearscope.closed_loop.intake.products import DOUBTFUL, Fit, Products
 from wearscope.closed_loop.intake.scales import read_scales
 from wearscope.closed_loop.intake.sizes import LEAST_MM, read_sizes
 from wearscope.closed_loop.intake.zeros import read_zeros

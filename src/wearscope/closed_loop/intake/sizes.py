@@ -6,7 +6,8 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
-from wearscope.closed_loop.intake.joint_fit import Products, Rows
+from wearscope.closed_loop.intake.joint_fit import Rows
+from wearscope.closed_loop.intake.products import Products
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Torque over need beyond which a factor is no error of the model.
