@@ -14,7 +14,6 @@ from wearscope.effects.vocabulary import (
     given_effects,
     list_effects,
     plain_friction,
-    separating_motions,
     session_effects,
     thermal_friction,
     worn_effect,
@@ -51,7 +50,7 @@ def test_the_vocabulary_is_that_of_the_contract():
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
 def test_names_that_an_effect_refers_to_exist(effect):
     known = set(EFFECTS)
-    assert {*effect.parents, *effect.contains, *effect.separated_by} <= known
+    assert {*effect.parents, *effect.contains} <= known
     assert not effect.corrects or effect.corrects in known
     assert effect.name not in {*effect.parents, *effect.contains}
 
@@ -243,18 +242,6 @@ def test_signals_are_named_by_joint():
     assert unknown.name_signals((3, 0, 1, 0, 1, -1, 0, 0, 1, 5), joints, 1) == ["load_one", "sign_qd_two"]
     both = unknown.name_signals((0, 1, 0, 0, 1, 5, 0, 0, 1, 25), joints, 1)
     assert both == ["q_two", "t"]
-
-
-def test_separating_motion_is_the_pair_s_own_or_each_one_s():
-    payload, balance = load("payload_error", "gravity_counterbalance")
-    assert separating_motions(payload, balance, 3) == separating_motions(balance, payload, 3)
-    assert separating_motions(payload, balance, 3) == [motions.PAYLOAD]
-    coulomb, ripple = load("coulomb", "torque_ripple")
-    assert separating_motions(ripple, coulomb, 3) == [motions.SPEEDS, motions.SESSIONS]
-    # What moves mass is one and the same for a single joint, however it moves.
-    rotor, delay = load("rotor_inertia_error", "time_delay")
-    assert motions.PAYLOAD in separating_motions(rotor, delay, 1)
-    assert motions.PAYLOAD not in separating_motions(rotor, delay, 3)
 
 
 def test_eq_17_holds_where_its_stribeck_speed_is_positive():

@@ -61,7 +61,6 @@ VERDICT = {
     "joints": {"a": one_joint(2.0, 1.0, 0.5), "b": one_joint(1.5, 1.6, None)},
     "band": {"motion_hz": 20.0, "torque_hz": 6.0},
     "notes": ["runs/r1.parquet: spikes of tau_a in 3 rows <were> bridged."],
-    "advice": [{"motion": "move slowly", "separates": ["a: stribeck / concave_viscous"]}],
     "undetermined": [
         {"joint": "b", "effect": "warm_up_drift", "reason": "too short", "motion": "record for longer"}
     ],
@@ -310,7 +309,7 @@ def test_events_and_thresholds_are_on_the_page(tmp_path):
 
 
 def test_light_loop_has_a_page_without_what_was_not_examined(tmp_path):
-    verdict = {k: v for k, v in VERDICT.items() if k not in ("advice", "undetermined", "forward")}
+    verdict = {k: v for k, v in VERDICT.items() if k not in ("undetermined", "forward")}
     write(tmp_path, verdict, light=True)
     text = text_of(page(tmp_path))
     assert "Outcome" in text and "Simulated forward" not in text and "cannot tell" not in text

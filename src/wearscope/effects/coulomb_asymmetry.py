@@ -20,5 +20,4 @@ EFFECT = Effect(
     parents=("coulomb",),
     constant_in_motion=True,
     excitation=REVERSALS,
-    separated_by={"torque_offset": "hold still now and then: they differ only at rest"},
 )

@@ -105,8 +105,6 @@ class Effect:
         The same on a robot of a single joint; `excitation` where empty.
     title : str
         What people call it, where the name as text says too little.
-    separated_by : mapping of str to str
-        Motion that separates it from another effect, by that one's name, where that is neither's excitation.
     name_driver : callable or None
         ``name_driver(shape, joints, joint)``: signals it depends on, where its shape says which.
     limit_temperature : callable or None
@@ -167,7 +165,6 @@ class Effect:
     excitation: str = motions.OTHERS
     excitation_alone: str = ""
     title: str = ""
-    separated_by: Mapping[str, str] = field(default_factory=dict)
     name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None
     limit_temperature: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
     changes: int | None = None

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import PAYLOAD, RANGE
+from wearscope.effects.motions import RANGE
 
 
 @compile_row
@@ -36,7 +36,6 @@ EFFECT = Effect(
     contains=("torque_offset",),
     opposes_gravity=True,
     excitation=RANGE,
-    separated_by={"payload_error": PAYLOAD, "torque_constant_error": PAYLOAD},
     changes=8,
     mounted=True,
 )

@@ -22,5 +22,4 @@ EFFECT = InertialEffect(
     per_robot=True,
     excitation=QUICK,
     excitation_alone=PAYLOAD,
-    separated_by={"payload_error": PAYLOAD},
 )

@@ -28,5 +28,4 @@ EFFECT = TransmissionEffect(
     spread=True,
     installs=("compliance",),
     excitation=QUICK,
-    separated_by={"time_delay": "measure the link, or add quick motion with another payload"},
 )

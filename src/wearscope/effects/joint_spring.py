@@ -1,7 +1,7 @@
 """Spring about the joint: cable or hose package."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import PAYLOAD, RANGE
+from wearscope.effects.motions import RANGE
 
 
 @compile_row
@@ -23,7 +23,6 @@ EFFECT = Effect(
     contains=("torque_offset",),
     excitation=RANGE,
     passive=lambda values, temperature: {"stiffness": values["stiffness"], "preload": values["preload"]},
-    separated_by={"payload_error": PAYLOAD, "gravity_counterbalance": RANGE},
     changes=7,
     mounted=True,
 )

@@ -42,7 +42,6 @@ EFFECT = Effect(
     applies=_varies,
     lacking="its temperature is not recorded, or hardly changes",
     excitation=TEMPERATURE,
-    separated_by={"warm_up_drift": TEMPERATURE},
     thermal=True,
     passive=lambda values, temperature: {
         "friction": values["coulomb_slope"] * (temperature - values["reference"]),

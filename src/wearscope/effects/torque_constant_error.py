@@ -14,6 +14,5 @@ EFFECT = MeasurementEffect(
     depends_on=("tau_{joint}",),
     kind="gain",
     excitation=PAYLOAD,
-    separated_by={"payload_error": "hold still in several postures with a known payload"},
     changes=5,
 )

@@ -103,11 +103,3 @@ def candidate_effects(
         for effect in found.values()
         if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in given)
     ]
-
-
-def separating_motions(a: Effect, b: Effect, n: int) -> list[str]:
-    """Motions that separate two effects on a robot of `n` joints, in words, most telling first."""
-    for one, other in ((a, b), (b, a)):
-        if other.name in one.separated_by:
-            return [one.separated_by[other.name]]
-    return list(dict.fromkeys(effect.motion_for(n) for effect in sorted((a, b), key=lambda e: e.name)))

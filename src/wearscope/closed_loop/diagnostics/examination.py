@@ -9,12 +9,12 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.diagnostics import isolability, spectrum
-from wearscope.closed_loop.diagnostics.advice import advise, find_undetermined
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.profiles import UNITS as PROFILE_UNITS
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
+from wearscope.closed_loop.diagnostics.undetermined import find_undetermined
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.signals import thin_signals
 from wearscope.closed_loop.model.prediction import residual_table
@@ -66,25 +66,24 @@ def examine(
     Parameters
     ----------
     out : Path
-        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``,
-        ``forward.parquet`` and ``forward_series.parquet`` are written.
+        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``
+        and ``forward.parquet`` are written.
     diagnosis : Outcome
     progress : callable
 
     Returns
     -------
     dict
-        For ``verdict.json``: `advice`, `undetermined`, `next_measurement`, `estimates` (every
+        For ``verdict.json``: `undetermined`, `next_measurement`, `estimates` (every
         parameter of the model after with its interval) and `forward` (by joint and stage).
     """
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
     angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
-    advice = advise(diagnosis.problem, angles)
     undetermined = find_undetermined(diagnosis.problem, diagnosis.limits)
     planned = plan_measurements(diagnosis, progress)
     diagnostics = spectrum.diagnose_residuals(prepared, predicted)
-    forward, series = compare_forward(prepared, diagnosis.models, progress)
+    forward = compare_forward(prepared, diagnosis.models, progress)
     signals = signal_table(prepared)
     profiles = profile_residuals(residual_table(prepared, predicted), signals)
     for name, table, units in (
@@ -93,11 +92,9 @@ def examine(
         ("isolability", angles, isolability.UNITS),
         ("diagnostics", diagnostics, spectrum.UNITS),
         ("forward", forward, {}),
-        ("forward_series", series, {}),
     ):
         _write(Path(out), name, table, prepared, units)
     return {
-        "advice": advice,
         "undetermined": undetermined,
         "next_measurement": write_measurements(Path(out), planned, prepared.dataset.joints),
         "estimates": _list_estimates(diagnosis),

@@ -68,7 +68,7 @@ def compare_forward(
     prepared: Prepared,
     models: dict[str, RobotModel],
     progress: Callable[[str], None] = lambda _: None,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> pd.DataFrame:
     """Simulate both models along every test run under the same controller.
 
     The controller follows the measured motion. For the torque it feeds forward what the model before needs,
@@ -85,16 +85,13 @@ def compare_forward(
 
     Returns
     -------
-    summary : DataFrame
+    DataFrame
         One row a joint, run (and ``all`` of them) and stage: `torque_rms` and `motion_rms`, the error against
         the measurement, with 95 % intervals (`_low`, `_high`), `seconds` simulated, `outcome` (``ok``, or why
         there is no simulation; errors are NaN then).
-    series : DataFrame
-        `t`, `run`, `joint`, `measured`, `simulated_before`, `simulated_after`, `counts`.
     """
     models = {stage: _move_back(model, prepared) for stage, model in models.items()}
     records: list[dict] = []
-    frames: list[pd.DataFrame] = []
     pooled: dict[str, dict[str, list]] = {stage: {"torque": [], "motion": []} for stage in _STAGES}
     outcomes: dict[str, list[str]] = {stage: [] for stage in _STAGES}
     seconds: list[float] = []
@@ -114,18 +111,11 @@ def compare_forward(
                     pooled[stage][kind] += parts[kind]
             records += _summarise(prepared, run.file, stage, parts, seconds[-1], said[stage])
             progress(f"forward simulation, {run.file}, model {stage}: {said[stage]}")
-        for j, joint in enumerate(prepared.dataset.joints):
-            columns = {"t": run.t[: len(keep)], "run": run.file, "joint": joint, "measured": measured[:, j]}
-            for stage in _STAGES:
-                columns[f"simulated_{stage}"] = (
-                    simulated[stage][0][:, j] if stage in simulated else np.full(len(keep), np.nan)
-                )
-            frames.append(pd.DataFrame(columns | {"counts": keep[:, j]}))
     for stage in _STAGES:
         failed = [said for said in outcomes[stage] if said != "ok"]
         told = "ok" if not failed else f"{len(failed)} of {len(outcomes[stage])} runs: {failed[0]}"
         records += _summarise(prepared, "all", stage, pooled[stage], sum(seconds), told)
-    return pd.DataFrame(records), pd.concat(frames, ignore_index=True)
+    return pd.DataFrame(records)
 
 
 def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:

@@ -15,11 +15,6 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Shapes of a nonlinear effect that represent all of them, spread over those worth trying.
 _SHAPES = 9
-#: Angle [deg] below which two effects are told not to be separable: one reproduces all but an eighth of the
-#: other.
-CLOSE = 7.0
-#: Sine to the declared model below which it absorbs an effect: refitted, it leaves less than a tenth.
-ABSORBED = 0.1
 #: Directions of an effect with a smaller sine to the declared model are not compared with other effects.
 _LEAST_SINE = 0.03
 

@@ -1,56 +1,17 @@
-"""Which motion would separate the effects that the runs cannot, and what the runs leave undetermined."""
+"""What the runs leave undetermined, and which motion would tell it."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pandas as pd
 
-from wearscope.closed_loop.diagnostics.isolability import ABSORBED, CLOSE
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.selection.detection_limits import LARGE, say_limit
 from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
-from wearscope.effects.vocabulary import separating_motions
 
 #: Share of the largest speed below which friction falls with speed where there is a Stribeck effect.
 _SLOW = 0.05
 _COLD_SPAN = 10.0
-
-
-def advise(problem: Problem, isolability: pd.DataFrame) -> list[dict]:
-    """Motions that would separate what these runs cannot.
-
-    Parameters
-    ----------
-    problem : Problem
-    isolability : DataFrame
-        From `wearscope.closed_loop.diagnostics.isolability.measure_isolability`.
-
-    Returns
-    -------
-    list of dict
-        `motion`, in words, and `separates`: a list of ``joint: effect / effect`` (two candidates) or
-        ``joint: effect / declared model`` that it would help, most helpful motion first.
-    """
-    effects = {effect.name: effect for effect in problem.effects}
-    n = problem.prepared.n
-    helped: dict[str, list[str]] = {}
-
-    def add(motion: str, what: str) -> None:
-        known = helped.setdefault(motion, [])
-        if what not in known:
-            known.append(what)
-
-    for row in isolability.itertuples(index=False):
-        for name, sine in ((row.effect_a, row.sine_a), (row.effect_b, row.sine_b)):
-            if sine < ABSORBED:
-                add(effects[name].motion_for(n), f"{row.joint}: {name} / declared model")
-        if row.largest_angle_deg < CLOSE:
-            what = f"{row.joint}: {row.effect_a} / {row.effect_b}"
-            for motion in separating_motions(effects[row.effect_a], effects[row.effect_b], n):
-                add(motion, what)
-    ordered = sorted(helped.items(), key=lambda item: (-len(item[1]), item[0]))
-    return [{"motion": motion, "separates": what} for motion, what in ordered]
 
 
 def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -> list[dict]:
