@@ -280,7 +280,9 @@ def test_what_the_corrected_model_lacks_is_said_with_its_reason(tmp_path):
     kind, answer = conclude_loop(read_closed_loop(tmp_path).verdict)
     assert kind == "unsure"
     assert "payload error of the robot (left out of the corrected model). With the other one, the" in answer
-    text = unescape(text_of(page(tmp_path)))
+    html = page(tmp_path)
+    assert re.search(r'<div class="card unsure"[^>]*><h3>The robot', html)
+    text = unescape(text_of(html))
     assert f"Left out of the corrected model: {why}." in text
     assert text.count("Left out of the corrected model") == 1
 

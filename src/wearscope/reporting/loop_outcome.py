@@ -193,8 +193,9 @@ def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
             why = f": {entry['left_out']}" if entry.get("left_out") else ""
             sentences.append(f"Left out of the corrected model{why}.")
         status = entry["status"]
+        kind = STATUSES[status] if is_in_model(entry) or status == "refuted" else "unsure"
         told.append(
-            {"name": upper_first(effect_name(entry["effect"])), "kind": STATUSES[status]}
+            {"name": upper_first(effect_name(entry["effect"])), "kind": kind}
             | {"status": status.replace("_", " "), "text": " ".join(sentences)}
         )
     return told
