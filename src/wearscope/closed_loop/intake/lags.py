@@ -2,7 +2,8 @@
 
 The time is that at which one fit of all rows leaves least. How far it is known tells what is left without one
 block of rows after the other: a model that lacks something leaves much, whatever the time, but moves it from
-block to block. So no share of the torque has to be explained for a delay to be one.
+block to block. So no share of the torque has to be explained for a delay to be one. But it must leave less
+than links of any size do: at a single frequency, wrong masses and a delay are the same.
 """
 
 from collections.abc import Callable, Iterator
@@ -72,7 +73,7 @@ def read_lag(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         read = asked.rows.pick(inside).with_torques(_sharpen(asked, lag.time)[inside])
     else:
         read = asked.rows.pick(inside).with_torques(asked.torque_at(lag.time, 0)[inside])
-    yield Reading(told, ("late tau",), heard, read.products, any_size=True, shown=shown)
+    yield Reading(told, ("late tau",), heard, read.products, shown=shown)
 
 
 def find_lag(asked: Asked) -> float | None:
