@@ -1,17 +1,14 @@
-"""Spectrum of residuals and forward simulation against known structures."""
+"""What the page has in addition to the verdict, and forward simulation against known structures."""
 
 import json
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from wearscope.closed_loop.diagnostics import forward
-from wearscope.closed_loop.diagnostics.spectrum import diagnose_residuals
 from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.run import close_loop
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.simulation.errors import SimulationError
@@ -28,23 +25,6 @@ def fit_declared(pose):
         return problem.prepared, layout, model
 
     return fit
-
-
-def test_white_residual_is_white(record, fit_declared):
-    prepared, _, model = fit_declared(record(runs=4))
-    whiteness = diagnose_residuals(prepared, predict_runs(prepared, model, model))
-    assert (whiteness["ljung_box_p"] > 1e-3).all()
-    assert (whiteness["lag_correlation"].abs() < 0.3).all()
-
-
-def test_coloured_residual_is_not_white(record, fit_declared):
-    def drift(t, q, v, a, rng):
-        return np.outer(8.0 * np.sin(2 * np.pi * 0.7 * t), [1.0, 1.0])
-
-    prepared, _, model = fit_declared(record(runs=3, extra_torque=drift))
-    table = diagnose_residuals(prepared, predict_runs(prepared, model, model))
-    assert (table["ljung_box_p"] < 1e-6).all()
-    assert np.allclose(table["peak"], 0.7, atol=0.2)
 
 
 def models_of(prepared, model):
@@ -75,7 +55,6 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     expected = {
         "signals",
         "isolability",
-        "diagnostics",
         "forward",
         "profiles",
     }
@@ -94,15 +73,3 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     joint = verdict["joints"]["b"]
     assert b["before"]["torque_rms"] == pytest.approx(joint["rms_before"], rel=0.1)
     assert b["after"]["torque_rms"] == pytest.approx(joint["rms_after"], abs=0.1 * joint["rms_before"])
-
-
-def test_residual_of_a_joint_that_stands_still_is_not_described(record, fit_declared):
-    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
-    whole = predict_runs(prepared, model, model)
-    still = [Predicted(p.run, p.declared, p.before, p.after) for p in whole]
-    for p in still:
-        p.run.keep[:, 1] = False
-    table = diagnose_residuals(prepared, still)
-    b = table[table["joint"] == "b"]
-    assert b[["rms", "relative_error", "peak", "ljung_box_p"]].isna().all(axis=None)
-    assert np.isfinite(table.loc[table["joint"] == "a", "rms"]).all()

@@ -1,4 +1,4 @@
-"""What the page has in addition to the verdict: isolability, the residual's spectrum, forward simulation."""
+"""What the page has in addition to the verdict: isolability, profiles of the residual, forward simulation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop.diagnostics import isolability, spectrum
+from wearscope.closed_loop.diagnostics import isolability
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.outcome import Outcome
@@ -66,8 +66,8 @@ def examine(
     Parameters
     ----------
     out : Path
-        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet``, ``diagnostics.parquet``
-        and ``forward.parquet`` are written.
+        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet`` and ``forward.parquet`` are
+        written.
     diagnosis : Outcome
     progress : callable
 
@@ -82,7 +82,6 @@ def examine(
     angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
     undetermined = find_undetermined(diagnosis.problem, diagnosis.limits)
     planned = plan_measurements(diagnosis, progress)
-    diagnostics = spectrum.diagnose_residuals(prepared, predicted)
     forward = compare_forward(prepared, diagnosis.models, progress)
     signals = signal_table(prepared)
     profiles = profile_residuals(residual_table(prepared, predicted), signals)
@@ -90,7 +89,6 @@ def examine(
         ("signals", signals, {}),
         ("profiles", profiles, PROFILE_UNITS),
         ("isolability", angles, isolability.UNITS),
-        ("diagnostics", diagnostics, spectrum.UNITS),
         ("forward", forward, {}),
     ):
         _write(Path(out), name, table, prepared, units)
