@@ -54,7 +54,6 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     tables = {path.stem for path in out.glob("*.parquet")}
     expected = {
         "signals",
-        "isolability",
         "forward",
         "profiles",
     }

@@ -111,9 +111,6 @@ def write(folder, verdict, light=False, failed=False):
     if light:
         return
     tables.write_table(folder / "signals.parquet", pd.concat(own))
-    pair = {"effect_a": "stribeck", "effect_b": "viscous", "angle_deg": 3.0, "largest_angle_deg": 5.0}
-    pair |= {"sine_a": 0.9, "sine_b": 0.02}
-    tables.write_table(folder / "isolability.parquet", pd.DataFrame([{"joint": j} | pair for j in JOINTS]))
     stages = [(joint, stage) for joint in JOINTS for stage in ("before", "after")]
     rows = []
     for run in ("runs/r2.parquet", "all"):

@@ -18,6 +18,7 @@ from wearscope.reporting.labels import (
 )
 from wearscope.reporting.loop_words import (
     PROMISED,
+    SLIGHT,
     STATUSES,
     conclude_loop,
     is_in_model,
@@ -62,6 +63,8 @@ def loop_strip(loop: ClosedLoop) -> Strip:
     sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
     if not statuses:
         sure = "Every effect of the vocabulary was tried at every joint that moves."
+    if events := len(loop.verdict.get("events") or []):
+        sure += f" Rows of {count_text(events, 'short event')} (a push, a collision) count in no fit."
     if kind == "good" and _doubt_masses(loop):
         kind = "unsure"
     return Strip(text, kind, sure, _caveat(loop), _advise(loop))
@@ -82,6 +85,12 @@ def _advise(loop: ClosedLoop) -> Markup:
         return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
+    if _doubt_masses(loop):
+        text = "Weigh the payload, and check masses and torque constants. Where those are right, "
+        return Markup(text + "<code>--inertials trusted</code> lets a payload's error be named.")
+    if left := list_unexplained(loop.verdict, small=False):
+        text = 'Look at the <a href="#residual">residual</a> of {}: a push stands out over time, a missing '
+        return Markup(text + "effect over a signal.").format(join_words(left))
     return Markup("Keep the declared model; record another motion if you doubt it.")
 
 
@@ -98,7 +107,8 @@ def _caveat(loop: ClosedLoop) -> str:
         why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
         return f"At {worst}, {size} is left: {why}."
     open_names = [
-        f"{join_words([*map(effect_name, (one['effect'], *one['equivalent']))], 'or')} at {one['joint']}"
+        f"{join_words([*map(effect_name, (one['effect'], *one['equivalent']))], 'or')} "
+        + ("of the robot" if one["effect"] in list_shared() else f"at {one['joint']}")
         for one in loop.verdict["verdict"]
         if one["equivalent"]
     ]
@@ -116,11 +126,13 @@ def _caveat(loop: ClosedLoop) -> str:
 
 def _doubt_masses(loop: ClosedLoop) -> str:
     """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
+    if any(one["effect"] in list_shared() and is_in_model(one) for one in loop.verdict["verdict"]):
+        return ""  # the body's error has a name
     if factors := loop.verdict.get("torque_factors"):
         low, high = min(factors.values()), max(factors.values())
         size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
         where = "" if len(factors) == len(loop.joints) else f" at {join_words(list(factors))}"
-        told = "torque constants or masses are off"
+        told = "the payload, masses or torque constants are off"
         return f"Torques{where} are {size} times what the URDF's masses need: {told}."
     if far := loop.verdict.get("far_links"):
         told = "a load is undeclared, or the URDF is wrong"
@@ -158,7 +170,9 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
     change = told = one["error"] or "n/a"
     if change == "larger":
-        told = f"larger by {100 * (number(one['rms_after']) / number(one['rms_before']) - 1):.0f} %"
+        growth = number(one["rms_after"]) / number(one["rms_before"]) - 1.0
+        told = f"larger by {100 * growth:.{0 if growth > SLIGHT else 1}f} %"
+        change = "same" if growth <= SLIGHT else change
     return {
         "title": joint,
         "joint": joint,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from wearscope.reporting.closed_loop import name_signal, number
-from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words
+from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words, upper_first
 from wearscope.reporting.page import format_number
 
 Verdict = Mapping[str, Any]
@@ -15,6 +15,8 @@ Verdict = Mapping[str, Any]
 PROMISED = 0.9
 #: Share of the torque [%] up to which structure below the noise of a run is small.
 SMALL = 1.0
+#: Change of an error, as a share of it, below which no sentence speaks of it.
+SLIGHT = 0.005
 
 
 #: Colour of what the test runs say of an effect.
@@ -115,7 +117,7 @@ def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
 def _tell_growth(verdict: Verdict) -> str:
     """Where the error on the test runs grows; empty where it does not."""
     larger = {joint for joint, one in verdict["joints"].items() if one.get("error") == "larger"}
-    worse = [one for one in _changes(verdict) if one[1] in larger and one[0] > 1.0]
+    worse = [one for one in _changes(verdict) if one[1] in larger and one[0] > 1.0 + SLIGHT]
     if not worse:
         return ""
     ratio, joint, *_ = max(worse)
@@ -135,7 +137,7 @@ def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
     ratio, joint, before, after, unit = min(found)
-    if ratio > 0.995:
+    if ratio > 1.0 - SLIGHT:
         return "On the test runs no joint's error falls by more than half a percent"
     with_it = "With it" if sum(kept) == 1 else "With them"
     if not all(kept):
@@ -209,6 +211,8 @@ def tell_sizes(one: Verdict) -> str:
 def tell_left(one: Verdict) -> str:
     """Of structure that is left, its size and how it was seen; why a joint is not judged."""
     if one["state"] == "unexplained":
+        if not one["depends_on"] and one["reason"].startswith("the test runs' error"):
+            return upper_first(one["reason"])  # its size is that of the error itself
         noise = ", below the noise of a run" if is_small(one) else ""
         size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS of it{noise}"
         if one["depends_on"]:

@@ -1,4 +1,4 @@
-"""What the page has in addition to the verdict: isolability, profiles of the residual, forward simulation."""
+"""What the page has in addition to the verdict: profiles of the residual, forward simulation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
-from wearscope.closed_loop.diagnostics import isolability
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.outcome import Outcome
@@ -66,8 +65,7 @@ def examine(
     Parameters
     ----------
     out : Path
-        Where ``signals.parquet``, ``profiles.parquet``, ``isolability.parquet`` and ``forward.parquet`` are
-        written.
+        Where ``signals.parquet``, ``profiles.parquet`` and ``forward.parquet`` are written.
     diagnosis : Outcome
     progress : callable
 
@@ -79,7 +77,6 @@ def examine(
     """
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
-    angles = isolability.measure_isolability(diagnosis.problem, diagnosis.before)
     undetermined = find_undetermined(diagnosis.problem, diagnosis.limits)
     planned = plan_measurements(diagnosis, progress)
     forward = compare_forward(prepared, diagnosis.models, progress)
@@ -88,7 +85,6 @@ def examine(
     for name, table, units in (
         ("signals", signals, {}),
         ("profiles", profiles, PROFILE_UNITS),
-        ("isolability", angles, isolability.UNITS),
         ("forward", forward, {}),
     ):
         _write(Path(out), name, table, prepared, units)

@@ -162,8 +162,8 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
     if len(where) == len(whole.products.heard) and len(set(sizes)) == 1:
         where, sizes = ["all joints"], sizes[:1]
     prepared.notes.append(
-        f"torques at {', '.join(where)} are {', '.join(sizes)} times what the stated bodies need: masses or "
-        "torque constants are off, and friction is as far off as the constants are."
+        f"torques at {', '.join(where)} are {', '.join(sizes)} times what the stated bodies need: the "
+        "payload, masses or torque constants are off, and friction is as far off as the constants are."
     )
 
 
