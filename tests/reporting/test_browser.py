@@ -218,7 +218,7 @@ def loop(tmp_path_factory):
 @pytest.mark.parametrize("width, scheme", [(1280, "dark"), (390, "light")])
 def test_every_chart_of_a_loop_is_drawn(browser, loop, width, scheme):
     with open_page(browser, loop / "report.html", width, scheme) as page:
-        assert page.locator("figure.chart .view svg").count() == 5
+        assert page.locator("figure.chart .view svg").count() == 4
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 

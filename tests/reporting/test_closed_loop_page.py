@@ -95,19 +95,6 @@ def write(folder, verdict, light=False, failed=False):
             ).assign(qdd=-np.sin(T), load=3 * np.cos(T), sign_qd=np.sign(np.cos(T)))
         )
     tables.write_table(folder / "residual.parquet", pd.concat(frames))
-    candidate = {
-        "step": 0, "joint": "a", "effect": "stribeck", "coefficients": "level", "shape": "0.1 1",
-        "cv_gain": 0.5,
-        "p_value": 0.001, "agreement": 1.0, "isolability": 0.4, "taken": True, "reason": "taken",
-    }  # fmt: skip
-    loser = candidate | {
-        "effect": "viscous",
-        "cv_gain": -0.02,
-        "taken": False,
-        "reason": "runs <do not> agree",
-    }
-    later = loser | {"step": 1}
-    tables.write_table(folder / "candidates.parquet", pd.DataFrame([loser, candidate, later]))
     if light:
         return
     tables.write_table(folder / "signals.parquet", pd.concat(own))
@@ -395,6 +382,7 @@ def test_masses_that_nobody_believes_are_the_caveat_of_a_verdict_that_finds_noth
         ("smaller", 1.0, "smaller"),
         ("same", 2.02, "same"),
         ("larger", 2.4, "larger by 20 %"),
+        ("larger", 2.002, "larger by 0.1 %"),
         (None, None, "n/a"),
     ],
 )
@@ -405,6 +393,26 @@ def test_a_joint_s_card_says_what_became_of_the_error(error, after, told, tmp_pa
     write(tmp_path, verdict)
     card = describe_joint(read_closed_loop(tmp_path), joint)
     assert card["change"] == told
+
+
+def test_the_next_step_is_one_that_helps(tmp_path):
+    verdict = copy.deepcopy(VERDICT) | {"verdict": [], "next_measurement": []}
+    for joint in JOINTS:
+        verdict["joints"][joint]["state"] = "explained"
+
+    def advise(**changed):
+        write(tmp_path, verdict | changed)
+        return loop_strip(read_closed_loop(tmp_path))
+
+    assert advise().action.startswith("Keep the declared model")
+    doubted = advise(torque_factors={"a": 1.3})
+    assert doubted.action.startswith("Weigh the payload") and "--inertials trusted" in doubted.action
+    event = {"joint": "a", "run": "runs/r2.parquet", "t": 1.0, "seconds": 0.2, "size": 3.0}
+    assert "Rows of 1 short event (a push, a collision) count in no fit." in advise(events=[event]).sure
+    doubtful = ENTRY | {"status": "not_confirmed", "equivalent": []}
+    assert advise(verdict=[doubtful]).action.startswith("The test runs do not decide")
+    verdict["joints"]["b"]["state"] = "unexplained"
+    assert 'href="#residual"' in advise().action
 
 
 def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):

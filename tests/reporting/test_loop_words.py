@@ -7,6 +7,7 @@ from wearscope.reporting.labels import PARAMETERS, effect_name, parameter_name
 from wearscope.reporting.loop_words import (
     conclude_loop,
     list_alarms,
+    name_with_rivals,
     say_share,
     size_left,
     tell_left,
@@ -84,3 +85,46 @@ def test_what_is_left_at_a_joint():
     }
     assert tell_left(left) == "30 N m RMS of it depends on position of a and time"
     assert size_left(JOINT | {"left_percent": 3.0}) == "3 % of the torque" and size_left(JOINT) == ""
+
+
+def test_noise_that_is_much_of_the_torque_is_told_on_top():
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    verdict["joints"]["axis_2"]["left_percent"] = 47.0
+    assert conclude_loop(verdict) == (
+        "unsure",
+        "Nothing that the declared model lacks is seen, but 47 % of the torque is left at axis_2, as noise.",
+    )
+    named = verdict | {"verdict": [ENTRY | {"equivalent": []}]}
+    kind, told = conclude_loop(named)
+    assert kind == "unsure" and told.endswith(". 47 % of the torque is left at axis_2, as noise.")
+
+
+def test_each_name_has_the_place_that_its_effect_has():
+    mixed = ENTRY | {"effect": "inertial_error"}
+    told = "inertial error of the robot or joint spring at axis_2"
+    assert name_with_rivals(mixed) == told and told in conclude_loop(VERDICT | {"verdict": [mixed]})[1]
+    assert name_with_rivals(ENTRY) == "gravity counterbalance or joint spring at axis_2"
+    assert name_with_rivals(mixed | {"equivalent": ["payload_error"]}).endswith("payload error of the robot")
+
+
+def test_growth_of_less_than_half_a_percent_is_no_matter():
+    sure = copy.deepcopy(VERDICT) | {"verdict": [ENTRY | {"equivalent": []}]}
+    sure["joints"]["axis_1"] |= {"rms_after": 12.05, "error": "larger"}
+    kind, told = conclude_loop(sure)
+    assert kind == "good" and "grows" not in told
+    sure["joints"]["axis_1"] |= {"rms_after": 12.5}
+    assert "but grows by 4 % at axis_1" in conclude_loop(sure)[1]
+
+
+def test_structure_that_the_test_runs_alone_show_has_no_size_of_its_own():
+    left = JOINT | {"state": "unexplained", "unexplained_rms": 0.01, "depends_on": []}
+    reason = "the test runs' error is 4.0 times the training runs'"
+    assert tell_left(left | {"reason": reason}) == f"T{reason[1:]}"
+
+
+def test_a_correction_without_a_name_is_no_model_that_suffices():
+    unknown = ENTRY | {"effect": "unknown", "equivalent": [], "in_model": True}
+    kind, told = conclude_loop(copy.deepcopy(VERDICT) | {"verdict": [unknown]})
+    assert kind == "unsure" and told.startswith("The declared model lacks a torque without a name at axis_2.")
+    left_out = copy.deepcopy(VERDICT) | {"verdict": [unknown | {"in_model": False}]}
+    assert conclude_loop(left_out)[1].startswith("The declared model suffices")

@@ -134,7 +134,7 @@ def test_a_loop_s_strip_is_its_verdict(entries, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kept", "told"), [(True, "Use the corrected model"), (False, "Check it on the machine")]
+    ("kept", "told"), [(True, "The test runs do not decide"), (False, "Check it on the machine")]
 )
 def test_what_to_do_next_is_what_the_corrected_model_has(kept, told, tmp_path):
     named = VERDICT["verdict"][0] | {"status": "not_confirmed", "in_model": kept}

@@ -35,7 +35,6 @@ class ClosedLoop:
 
     verdict: Mapping[str, Any]
     residual: pd.DataFrame
-    candidates: pd.DataFrame
     signals: pd.DataFrame | None = None
     profiles: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
@@ -71,10 +70,10 @@ def read_closed_loop(folder: str | Path) -> ClosedLoop:
     Raises
     ------
     InputError
-        Where ``verdict.json``, ``residual.parquet`` or ``candidates.parquet`` is missing or damaged.
+        Where ``verdict.json`` or ``residual.parquet`` is missing or damaged.
     """
     verdict = read_outcome(Path(folder) / "verdict.json", "close the loop first")
-    files = {name: Path(folder) / f"{name}.parquet" for name in ("residual", "candidates", *_OPTIONAL)}
+    files = {name: Path(folder) / f"{name}.parquet" for name in ("residual", *_OPTIONAL)}
     known = {name for name, file in files.items() if name not in _OPTIONAL or file.exists()}
     return ClosedLoop(verdict, **{name: tables.read_table(files[name]) for name in files if name in known})
 

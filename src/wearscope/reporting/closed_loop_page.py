@@ -8,7 +8,6 @@ from markupsafe import Markup
 from wearscope import tables
 from wearscope.reporting.charts.loop import (
     chart_against,
-    chart_candidates,
     chart_errors,
     charts_over_time,
     loop_filters,
@@ -52,7 +51,6 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         Section("Parameters", render_parameters(loop), "parameters"),
         Section("Events", render_events(loop), "events"),
         Section("Residual", _residual(loop), "residual"),
-        Section("Candidates", _candidates(drawn.get("candidates")), "candidates"),
         Section("Simulated forward", _forward(loop), "forward"),
         Section("What these runs cannot tell", _undetermined(loop), "undetermined"),
         Section("Notes", _notes(loop), "notes"),
@@ -93,18 +91,6 @@ def _residual(loop: ClosedLoop) -> Markup:
     runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
     charts = charts_over_time(loop, joint, str(runs.iloc[0]) if len(runs) else "")
     return embed_chart(*charts, chart_against(loop, joint))
-
-
-def _candidates(drawn: pd.DataFrame | None) -> Markup:
-    """Ranking of the candidates at every step, and what was made of each."""
-    if drawn is None:
-        return render_part(notes=["There was no candidate to try."])
-    text = (
-        "Every candidate is fitted with all parameters of the model, and scored on training runs that "
-        "its fit did not see. One is taken if it gains enough, is significant with all candidates "
-        "counted, and the runs agree. A later step may drop or rename it. candidates.parquet has all."
-    )
-    return render_part(notes=[text], parts=[embed_chart(chart_candidates(drawn))])
 
 
 def _forward(loop: ClosedLoop) -> Markup:

@@ -27,6 +27,7 @@ from wearscope.reporting.loop_words import (
     list_alarms,
     list_shared,
     list_unexplained,
+    name_with_rivals,
     say_share,
     size_left,
     tell_left,
@@ -78,6 +79,10 @@ def _advise(loop: ClosedLoop) -> Markup:
         text = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
         until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
         return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run")) + until
+    if kept and not any(one["status"] == "confirmed" for one in entries):
+        return Markup(
+            "The test runs do not decide: record one of faster or wider motion, and diagnose again."
+        )
     if kept:
         text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
         if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
@@ -86,11 +91,11 @@ def _advise(loop: ClosedLoop) -> Markup:
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
     if _doubt_masses(loop):
-        text = "Weigh the payload, and check masses and torque constants. Where those are right, "
-        return Markup(text + "<code>--inertials trusted</code> lets a payload's error be named.")
+        text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
+        return text + Markup("<code>--inertials trusted</code> lets a payload's error be named.")
     if left := list_unexplained(loop.verdict, small=False):
-        text = 'Look at the <a href="#residual">residual</a> of {}: a push stands out over time, a missing '
-        return Markup(text + "effect over a signal.").format(join_words(left))
+        text = Markup('Look at the <a href="#residual">residual</a> of {}: a push stands out over time, ')
+        return text.format(join_words(left)) + "a missing effect over a signal."
     return Markup("Keep the declared model; record another motion if you doubt it.")
 
 
@@ -106,16 +111,13 @@ def _caveat(loop: ClosedLoop) -> str:
         worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
         why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
         return f"At {worst}, {size} is left: {why}."
-    open_names = [
-        f"{join_words([*map(effect_name, (one['effect'], *one['equivalent']))], 'or')} "
-        + ("of the robot" if one["effect"] in list_shared() else f"at {one['joint']}")
-        for one in loop.verdict["verdict"]
-        if one["equivalent"]
-    ]
+    open_names = [name_with_rivals(one) for one in loop.verdict["verdict"] if one["equivalent"]]
     if open_names:
         return f"These runs do not separate {'; '.join(open_names)}."
-    if any(one["effect"] == UNKNOWN and is_in_model(one) for one in loop.verdict["verdict"]):
-        return "Part of the correction is a curve without a name."
+    for one in loop.verdict["verdict"]:
+        if one["effect"] == UNKNOWN and is_in_model(one):
+            on = join_words([*map(name_signal, one["depends_on"])]) or "no known signal"
+            return f"At {one['joint']} the correction is a curve over {on}, without a name."
     if small := tell_unexplained(loop.verdict, small=True):
         return f"{upper_first(small)}."
     runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()

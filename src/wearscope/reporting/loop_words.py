@@ -17,6 +17,8 @@ PROMISED = 0.9
 SMALL = 1.0
 #: Change of an error, as a share of it, below which no sentence speaks of it.
 SLIGHT = 0.005
+#: Share of the torque [%] from which even noise is told of at the top of the page.
+LARGE = 10.0
 
 
 #: Colour of what the test runs say of an effect.
@@ -61,9 +63,36 @@ def tell_unexplained(verdict: Verdict, small: bool) -> str:
     return f"{size} is left at {who}, {tail}"
 
 
+def tell_noise(verdict: Verdict) -> str:
+    """Where what is left shows no structure and is yet much of the torque; empty where nowhere."""
+    shares = {
+        joint: number(one.get("left_percent"))
+        for joint, one in verdict["joints"].items()
+        if one["state"] in ("explained", "corrected") and number(one.get("left_percent")) > LARGE
+    }
+    if not shares:
+        return ""
+    most = "at most " if len(shares) > 1 else ""
+    return f"{most}{max(shares.values()):.2g} % of the torque is left at {join_words(list(shares))}, as noise"
+
+
+def name_with_rivals(entry: Verdict) -> str:
+    """An effect with its equivalents and their place: a joint, the robot, or one for each name."""
+    names = (entry["effect"], *entry["equivalent"])
+    places = ["of the robot" if name in list_shared() else f"at {entry['joint']}" for name in names]
+    if len(set(places)) == 1:
+        return f"{join_words([*map(effect_name, names)], 'or')} {places[0]}"
+    told = [f"{effect_name(name)} {place}" for name, place in zip(names, places, strict=True)]
+    return join_words(told, "or")
+
+
 def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     """The outcome in one plain sentence, and its colour: good, unsure or bad."""
-    held = [one for one in verdict["verdict"] if one["effect"] != UNKNOWN and one["status"] != "refuted"]
+    held = [
+        one
+        for one in verdict["verdict"]
+        if one["status"] != "refuted" and (one["effect"] != UNKNOWN or is_in_model(one))
+    ]
     left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
     said = [left] if left else []
     said += [f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged"] if unjudged else []
@@ -74,34 +103,42 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     if not held:
         if small := tell_unexplained(verdict, small=True):
             return "good", f"The declared model suffices within the noise of a run: {small}."
+        if noise := tell_noise(verdict):
+            return "unsure", f"Nothing that the declared model lacks is seen, but {noise}."
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     named: dict[tuple[str, str, bool], list[str]] = {}
     for one in held:
-        names = [effect_name(name) for name in (one["effect"], *one["equivalent"])]
+        names = (one["effect"], *one["equivalent"])
+        alone = not list_shared().intersection(names)  # joints with the same names are told together
+        told = join_words([*map(effect_name, names)], "or") if alone else name_with_rivals(one)
+        told = "a torque without a name" if one["effect"] == UNKNOWN else told
         kept = is_in_model(one)
         doubts = "" if one["status"] == "confirmed" else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
-        key = join_words(names, "or"), doubts, kept
-        named.setdefault(key, []).append("" if one["effect"] in list_shared() else one["joint"])
+        named.setdefault((told, doubts, kept), []).append(one["joint"] if alone else "")
     lacks = "; ".join(
-        f"{name} {_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()
+        f"{name}{_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()
     )
     text = f"The declared model lacks {lacks}. {_tell_gain(verdict, [kept for *_, kept in named])}"
     grown = _tell_growth(verdict)
-    certain = [one["status"] == "confirmed" and not one["equivalent"] and is_in_model(one) for one in held]
-    sure = all(certain) and not grown
-    more = f" {rest.replace('at most', 'At most', 1)}." if said else ""
-    return ("good" if sure and not said else "unsure"), f"{text}{grown}.{more}"
+    certain = [
+        one["status"] == "confirmed" and is_in_model(one) and not one["equivalent"]
+        for one in held
+        if one["effect"] != UNKNOWN
+    ]
+    more = [upper_first(one) for one in (rest, tell_noise(verdict)) if one]
+    kind = "good" if len(certain) == len(held) and all(certain) and not grown and not more else "unsure"
+    return kind, ". ".join([f"{text}{grown}", *more]) + "."
 
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
-    """The joints of an effect, or that it is the robot's."""
+    """The joints of an effect, where its name has no place yet."""
     every = list(verdict["joints"])
     if "" in joints:
-        return "of the robot"
+        return ""
     if len(joints) == len(every) > 2:
-        return f"at all {len(every)} joints"
-    return f"at {join_words(sorted(joints, key=every.index))}"
+        return f" at all {len(every)} joints"
+    return f" at {join_words(sorted(joints, key=every.index))}"
 
 
 def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:

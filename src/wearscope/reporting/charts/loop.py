@@ -1,4 +1,4 @@
-"""Charts of a closed loop: errors, torque and residual over time and over signals, candidates."""
+"""Charts of a closed loop: errors, torque and residual over time and over signals."""
 
 import json
 
@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.reporting.charts.base import Chart, Choice, Source
-from wearscope.reporting.charts.encoding import add_zoom, named, offset, rows, tint, tips
+from wearscope.reporting.charts.encoding import add_zoom, named, offset, tint, tips
 from wearscope.reporting.closed_loop import (
     STAGES,
     ClosedLoop,
@@ -16,10 +16,9 @@ from wearscope.reporting.closed_loop import (
     label_signal,
     number,
 )
-from wearscope.reporting.labels import effect_name
 
-#: Rows that all joints and runs share in the charts over time, points over a signal, candidates of a step.
-MOST_ROWS, MOST_POINTS, MOST_CANDIDATES = 40_000, 600, 16
+#: Rows that all joints and runs share in the charts over time, points over a signal.
+MOST_ROWS, MOST_POINTS = 40_000, 600
 #: What a residual can be drawn over, in addition to what it depends on most.
 OWN = {
     "qd": "its own speed",
@@ -63,7 +62,7 @@ def loop_labels(loop: ClosedLoop) -> dict[str, dict[str, str]]:
         "joint.unit": {joint: loop.verdict["joints"][joint]["unit"] for joint in loop.joints},
         "run": {name: _short_run(name) for name in loop.residual["run"].unique()},
         "joint+choice": {"|".join(key): label_signal(loop, one) for key, one in _choices(loop).items()},
-        "column": {"t": "time [s]", "x": "signal", "cv_gain": "gain [%]"},
+        "column": {"t": "time [s]", "x": "signal"},
     }
 
 
@@ -74,8 +73,6 @@ def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
         asked = pd.DataFrame([(*key, signal) for key, signal in _choices(loop).items()])
         asked = asked.set_axis(["joint", "choice", "signal"], axis=1)
         found["profiles"] = asked.merge(loop.profiles, on=["joint", "signal"]).drop(columns="signal")
-    if len(loop.candidates):
-        found["candidates"] = _rank_candidates(loop.candidates)
     return found
 
 
@@ -120,19 +117,6 @@ def _list_points(loop: ClosedLoop) -> pd.DataFrame:
             own = own[["run", "x", "residual_before", "residual_after"]]
             parts.append(own.assign(joint=joint, choice=choice))
     return pd.concat(parts, ignore_index=True)
-
-
-def _rank_candidates(table: pd.DataFrame) -> pd.DataFrame:
-    """The best variant of every effect at every joint, by step; what was taken first, then by gain [%]."""
-    order = {"step": True, "taken": False, "cv_gain": False, "joint": True, "effect": True}
-    best = table.sort_values([*order], ascending=[*order.values()])
-    best = best.drop_duplicates(["step", "joint", "effect"]).groupby("step").head(MOST_CANDIDATES)
-    best = best.assign(
-        label=best["joint"] + ": " + best["effect"].map(effect_name),
-        gain=100.0 * best["cv_gain"],
-        taken=np.where(best["taken"], "taken", "left"),
-    )
-    return best[["step", "label", "joint", "gain", "taken", "reason", "p_value"]]
 
 
 def chart_errors(loop: ClosedLoop, table: pd.DataFrame) -> Chart:
@@ -256,26 +240,4 @@ def chart_against(loop: ClosedLoop, joint: str) -> Chart:
         ["joint"],
         {"joint": joint},
         fields,
-    )
-
-
-def chart_candidates(table: pd.DataFrame) -> Chart:
-    """What each candidate gains, step by step."""
-    steps = sorted(int(step) for step in table["step"].unique())
-    bars = named("candidates").mark_bar(cornerRadius=2)
-    spec = bars.encode(
-        y=rows("label:N", 240),
-        x=alt.X("gain:Q", title="held-out loss removed [%]", scale=alt.Scale(domainMax=100, clamp=True)),
-        color=tint("taken:N", {"taken": "var(--after)", "left": "var(--soft)"}),
-        opacity=alt.condition("datum.taken === 'taken'", alt.value(1), alt.value(0.45)),
-        tooltip=tips("label:N|candidate; gain:Q|gain [%]|.3; p_value:Q|p|.2; reason:N"),
-    )
-    return Chart(
-        "candidates-chart",
-        "Candidates at each step",
-        spec.properties(width="container", height={"step": 20}),
-        {"candidates": Source("candidates", {"step": "step", "joint": "joint"})},
-        "In % of the joint's own loss. A bar that ends at 100 % may gain more, at the joints that the first "
-        "one moves. The pointer tells its gain, and why it was not taken.",
-        [Choice("step", "Step", [(step, str(k)) for k, step in enumerate(steps, 1)], default=steps[0])],
     )
