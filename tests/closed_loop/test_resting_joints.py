@@ -11,6 +11,8 @@ from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.posing import find_prismatic
+from wearscope.closed_loop.run import close_loop
+from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
@@ -113,3 +115,37 @@ def test_what_holds_a_joint_at_rest_changes_no_row_in_which_it_moves(one_by_one)
     # At rest the measured torque stays what it was measured to be.
     still = held.t > 9.5
     np.testing.assert_allclose(held.measured[still, 0] - plain.measured[still, 0], 4.0, atol=0.05)
+
+
+@pytest.mark.parametrize("held", [0.0, 0.7])
+def test_a_joint_that_never_moves_is_not_judged_and_the_others_are(record, tmp_path, held):
+    """Its encoder stays at one count in all runs; its torque may be zero, as with brakes on."""
+    folder = record(runs=4, duration=10.0)
+    path = folder / "dataset.yaml"
+    fields = yaml.safe_load(path.read_text())
+    joints = fields["robot"]["joints"]
+    body = RigidBody(normalise_urdf((folder / "robot.urdf").read_text(), joints), joints)
+    inertia = np.array(fields["robot"]["rotor_inertia"])
+    for r, run in enumerate(fields["runs"]):
+        run.pop("payload", None)
+        rng = np.random.default_rng(r)
+        t = np.arange(int(DURATION * RATE)) / RATE
+        q, v, a = (np.column_stack([x, np.zeros_like(x)]) for x in move_one(rng, t, 0.5, 15.5))
+        q[:, 1] = 0.3
+        tau = body.inverse_dynamics(q, v, a) + inertia * a
+        tau[:, 0] += 6.0 * np.sign(v[:, 0]) + 3.0 * v[:, 0] + 40.0 * q[:, 0]
+        tau += 0.3 * rng.normal(size=q.shape)
+        tau[:, 1] = held
+        table = {"t": t}
+        for j, joint in enumerate(joints):
+            table |= {f"q_{joint}": q[:, j], f"tau_{joint}": tau[:, j]}
+        pd.DataFrame(table).to_parquet(folder / run["file"])
+    fields["sample_rate"] = RATE
+    path.write_text(yaml.safe_dump(fields))
+    verdict = close_loop(folder, tmp_path / "out", policy=Policy(flips=499))
+    assert verdict["joints"][joints[1]]["state"] == "not_judged"
+    assert [one["joint"] for one in verdict["verdict"]] == [joints[0]]
+    assert {"joint_spring", "gravity_counterbalance"} & {
+        verdict["verdict"][0]["effect"], *verdict["verdict"][0]["equivalent"]
+    }  # fmt: skip
+    assert (tmp_path / "out" / "model_after.yaml").is_file()

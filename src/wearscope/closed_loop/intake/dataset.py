@@ -204,11 +204,13 @@ def _read_records(
 
 
 def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFields) -> None:
-    """Refuse a torque that is constant in every train run."""
+    """Refuse a torque that is constant in every train run, of a joint that moves in one."""
     train = [s.spread for s, entry in zip(signatures, fields.runs, strict=True) if entry.use == "train"]
     largest = np.max(train, axis=0)
-    for i, (joint, reading) in enumerate(fields.readings().items()):
-        if reading != "none" and largest[i] == 0.0:
+    readings = fields.readings()
+    moves = largest[len(readings) :] > 1e-9  # beyond rounding
+    for i, (joint, reading) in enumerate(readings.items()):
+        if reading != "none" and largest[i] == 0.0 and moves[i]:
             raise InputError(
                 f"{folder}: column 'tau_{joint}' is constant in every train run; the channel is dead, record "
                 "it again or leave the joint out."

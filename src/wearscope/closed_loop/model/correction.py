@@ -14,6 +14,9 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, make_model, save_model
 
+#: Least room between the limits of a joint that never moves [rad or m].
+_LEAST_ROOM = 1e-3
+
 
 def _limits(prepared: Prepared) -> dict[str, list[float]]:
     """Motion limits from the measured ranges, with a margin, so that test-cycles can be planned."""
@@ -24,6 +27,7 @@ def _limits(prepared: Prepared) -> dict[str, list[float]]:
     speed = np.maximum(1.1 * largest("v"), 1e-3)
     acceleration = np.maximum(1.1 * largest("a"), 1e-2)
     torque = np.max([np.abs(run.tau).max(axis=0) for run in prepared.runs], axis=0)
+    torque = np.where(torque > 0.0, torque, torque.max())  # a joint that rests may record none
     stated = prepared.dataset.fields.robot.torque_limit
     return {
         "speed_limit": speed.tolist(),
@@ -93,6 +97,8 @@ def make_corrected_model(
                 **told,
             }
         )
+    lowest = np.min([run.signals.q.min(axis=0) for run in prepared.runs], axis=0)
+    highest = np.max([run.signals.q.max(axis=0) for run in prepared.runs], axis=0)
     payload = next((run.payload for run in dataset.runs if run.payload is not None), None)
     fields = {
         "name": f"{safe_name(dataset)}-{stage}",
@@ -108,8 +114,8 @@ def make_corrected_model(
         },
         "payload": None if payload is None else {"mass": payload.mass, "com": list(payload.com)},
         "home": train[0].signals.q[0].tolist(),
-        "lower": np.min([run.signals.q.min(axis=0) for run in prepared.runs], axis=0).tolist(),
-        "upper": np.max([run.signals.q.max(axis=0) for run in prepared.runs], axis=0).tolist(),
+        "lower": lowest.tolist(),
+        "upper": np.maximum(highest, lowest + _LEAST_ROOM).tolist(),
         "effects": effects,
     }
     return make_model(fields, corrected_urdf(prepared, model, theta), f"model_{stage}.yaml", strict=False)

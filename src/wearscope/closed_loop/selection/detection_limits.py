@@ -11,6 +11,8 @@ from wearscope.effects.base import MeasurementEffect
 
 #: Share of a joint's torque (RMS) from which a limit is told in words.
 LARGE = 0.05
+#: Square of a column that is zero, as of a joint that rests: above rounding of zero, below all that is there.
+_NOTHING = 1e-200
 
 
 def find_limits(search: Search, found: Sequence[Found]) -> list[dict[str, float]]:
@@ -47,7 +49,7 @@ def find_limits(search: Search, found: Sequence[Found]) -> list[dict[str, float]
         for subset in list_subsets(effect, by_run=False):
             own = every.select(subset)
             gram = own.gram.sum(axis=0)
-            gram += 1e-9 * np.einsum("smm,mn->smn", gram, np.eye(len(subset)))
+            gram += (1e-9 * np.einsum("smm->sm", gram) + _NOTHING)[..., None] * np.eye(len(subset))
             left = np.linalg.solve(gram, assembly.add(own).inner)
             squares += (np.trace(left, axis1=1, axis2=2) / len(subset)).tolist()
         power = max(float(np.median(squares)), 1e-12) * max(int(layout.keep[:, j].sum()), 1)
