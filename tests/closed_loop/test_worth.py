@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from wearscope.closed_loop import corrected
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.worth import measure_worth
 from wearscope.closed_loop.model.prediction import bootstrap_change
@@ -42,6 +43,27 @@ def test_a_refuted_name_is_not_in_the_model_and_no_joint_is_worse(record, tmp_pa
     found.write(tmp_path)
     effects = yaml.safe_load((tmp_path / "model_after.yaml").read_text())["effects"]
     assert "torque_ripple" not in [one["effect"] for one in effects]
+
+
+@pytest.mark.parametrize(("times", "is_kept"), [(2, True), (99, False)])
+def test_a_joint_that_a_name_elsewhere_harms_gets_weight_before_the_name_is_withdrawn(
+    record, monkeypatch, times, is_kept
+):
+    """Bodies are shared: a joint whose noise falls by its name moves them, and others pay for it."""
+    folder = record([(0, "torque_ripple", RIPPLE)], seed=3, **FAST)
+    scales = []
+
+    def find_worse(prepared, before, after, kept):
+        scales.append(after.sigma.copy())
+        return (1, [0]) if len(scales) <= times else (-1, [])
+
+    monkeypatch.setattr(corrected, "_find_worse", find_worse)
+    (entry,) = diagnose(folder).verdict["verdict"]
+    assert (entry["status"], entry["in_model"]) == ("confirmed", is_kept)
+    assert bool(entry.get("left_out")) is not is_kept
+    steps = np.array(scales) / scales[0]
+    assert np.all(steps[:, 0] == 1.0)
+    assert steps[:3, 1].tolist() == [1.0, 0.5, 0.25] and steps[:, 1].min() >= 1.0 / 16.0
 
 
 def test_a_confirmed_name_makes_the_error_smaller_by_what_it_removes(record):

@@ -13,9 +13,10 @@ declared model, which claims nothing. No test run is spent twice on a claim by t
 A part of the test runs that decides and another that reports would make both less sure, and would promise
 nothing on the part that reports.
 
-A body couples the joints, and few parameters of it need not fit all of them: a payload without moments of
-inertia turns a distant axis too easily. Before such a name is withdrawn, the joint that it harms is given an
-inertia of its own.
+Bodies couple the joints. Few parameters of a named body need not fit all of them: a payload without moments
+of inertia turns a distant axis too easily. And a joint whose noise falls a lot by its name moves the bodies
+that it shares with others. Before a name is withdrawn that harms another joint, that one is given an inertia
+of its own, if the name is a body's, and then more weight in the fit.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,8 @@ from wearscope.closed_loop.selection.status import SAME, Marked
 from wearscope.effects.rotor_inertia_error import EFFECT as OWN_INERTIA
 
 _SEED = 31
+#: Largest factor of the weight, as of a residual scale, of a joint that another one's name harms.
+_HEAVIEST = 16.0
 
 
 def withdraw_worse(
@@ -65,11 +68,12 @@ def withdraw_worse(
     list of ModelTerm
         Inertias of joints that a named body would harm; they are no names.
     """
-    start = Regression(base.prepared, base.entries, sigma, base.inertial, base.blocks)
     why = ["the test runs refute it" if mark.status == "refuted" else "" for mark in marked]
     kept = [k for k, reason in enumerate(why) if not reason]
     helped: list[ModelTerm] = []
+    scale = sigma.copy()
     while kept:
+        start = Regression(base.prepared, base.entries, scale, base.inertial, base.blocks)
         model = refit(start, [*base.entries, *helped, *(terms[k] for k in kept)])
         model, out = keep_possible(model, len(base.entries))
         first = len(model.entries) - len(kept)
@@ -79,15 +83,20 @@ def withdraw_worse(
         if not worse and all(_is_possible(model, term) for term in helped):
             return model, why, out, helped
         inertia = ModelTerm(OWN_INERTIA, j, (), (0,))
-        if j >= 0 and all(terms[k].effect.spread for k in worse) and inertia not in helped:
+        spread = j >= 0 and all(terms[k].effect.spread for k in worse)
+        if spread and inertia not in helped:
             helped.append(inertia)
+            continue
+        elsewhere = spread or (j >= 0 and all(terms[k].joint != j for k in worse))
+        if elsewhere and scale[j] * _HEAVIEST > sigma[j]:
+            scale[j] /= 2.0
             continue
         # What removes least of the test runs' error is withdrawn first.
         gone = min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction))
         kept.remove(gone)
         larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} larger"
         why[gone] = larger if worse and j >= 0 else "parameters of the model would be impossible with it"
-        helped = []
+        helped, scale = [], sigma.copy()
     return before, why, [], []
 
 
