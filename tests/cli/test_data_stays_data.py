@@ -81,6 +81,29 @@ def test_every_command_hands_on_the_path_that_was_named(command, name, tmp_path,
     assert asked == str((tmp_path / name).resolve())
 
 
+@pytest.mark.parametrize("carried", [True, False])
+def test_a_factor_of_a_payload_that_nobody_declared_is_dropped_before_anything_is_computed(
+    carried, tmp_path, monkeypatch
+):
+    shutil.copytree(example_dataset(), tmp_path / "arm")
+    path = tmp_path / "arm" / "dataset.yaml"
+    fields = yaml.safe_load(path.read_text())
+    for run in fields["runs"]:
+        run["payload"] = {"mass": 1.0, "com": [0.0, 0.0, 0.0]} if carried else None
+    path.write_text(yaml.safe_dump(fields))
+    monkeypatch.chdir(tmp_path)
+    read = {}
+
+    def call(command, folder, log, watch):
+        read.update(load_configfile(command[command.index("--configfile") + 1]))
+        raise InputError("so far.")
+
+    monkeypatch.setattr(stages, "call_snakemake", call)
+    said = CliRunner().invoke(wearscope, ["reevaluate", "quick", "--dataset", "arm"]).output
+    assert ("states no payload" in said) is not carried
+    assert (read.get("screening") == "drop") is not carried
+
+
 def test_an_answer_about_other_files_is_not_shown(tmp_path):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     digest = digest_dataset(tmp_path / "arm", load_fields(tmp_path / "arm" / "dataset.yaml"))

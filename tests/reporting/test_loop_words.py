@@ -70,7 +70,7 @@ def test_an_empty_verdict_says_what_it_means():
     assert conclude_loop(verdict)[1].startswith("The declared model suffices")
     verdict["joints"]["axis_2"] |= {"state": "not_judged"}
     assert conclude_loop(verdict) == (
-        "unsure", "No effect that the test runs bear out was named, and axis_2 is not judged.",
+        "unsure", "Nothing that the declared model lacks is seen, and axis_2 is not judged.",
     )  # fmt: skip
     verdict["joints"]["axis_1"] |= {"state": "unexplained"}
     assert "axis_1 keeps something unexplained" in conclude_loop(verdict)[1]

@@ -293,6 +293,9 @@ def reevaluate(study, dataset, before, after, opened, **options):  # type: ignor
     named = None if dataset is None else _read_named(str(dataset))
     if named is not None:
         changes["dataset"] = str(named[0])
+        if not before and not _has_payload(named[0]):
+            say(f"{dataset} states no payload: its error is no factor of this comparison.", err=True)
+            changes["screening"] = "drop"
     if before or after:
         changes["reevaluate"] = {
             "before": [_locate(one) for one in before],
@@ -304,6 +307,15 @@ def reevaluate(study, dataset, before, after, opened, **options):  # type: ignor
     if named is not None and not before:
         _check_asked(place.folder / "results" / "closed_loop" / named[1] / "verdict.json", named[0])
     show_result(place.results / "reevaluation" / "report.html", opened)
+
+
+def _has_payload(dataset: Path) -> bool:
+    """Whether a run of a data set, given by its folder, carries a payload that is declared."""
+    from wearscope.closed_loop.intake.dataset_fields import load_fields
+
+    runs = load_fields(dataset / "dataset.yaml").get("runs")
+    known = runs if isinstance(runs, list) else []
+    return any(isinstance(run, dict) and bool(run.get("payload")) for run in known)
 
 
 def _locate(robot: str) -> str:

@@ -98,8 +98,9 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     said += [f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged"] if unjudged else []
     rest = join_words(said)
     if not held and said:
-        kind = "bad" if left else "unsure"
-        return kind, f"No effect that the test runs bear out was named, and {rest}."
+        if not left:
+            return "unsure", f"Nothing that the declared model lacks is seen, and {rest}."
+        return "bad", f"No effect that the test runs bear out was named, and {rest}."
     if not held:
         if small := tell_unexplained(verdict, small=True):
             return "good", f"The declared model suffices within the noise of a run: {small}."

@@ -72,8 +72,9 @@ def read_sessions(dataset: str | Path) -> Sessions:
     order = sort_sessions(stated)
     if not fields.reference:
         first = f", e.g. 'reference: [\"{order[0]}\"]'" if order else ""
+        told = "" if order else " No run has a session yet: state one for each ('session: monday')."
         raise InputError(
-            f"{path}: reference is missing; list the sessions in which the machine was healthy{first}."
+            f"{path}: reference is missing; list the sessions in which the machine was healthy{first}.{told}"
         )
     reference = [session for session in order if session in fields.reference]
     later = [session for session in order if session not in fields.reference]
