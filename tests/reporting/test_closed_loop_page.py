@@ -287,9 +287,10 @@ def test_events_and_thresholds_are_on_the_page(tmp_path):
     """A moment of a clock that counts from 1970 has its hundredths."""
     push = {"run": "runs/r2.parquet", "joint": "a", "t": 1700000002.5, "seconds": 0.4, "size": -7.0}
     limit = {"a": {"threshold": 3.2, "false_alarms_per_hour_at_most": 90.0}}
-    write(tmp_path, VERDICT | {"events": [push], "collision_thresholds": limit})
+    felt = push | {"joint": "b", "t": 1700000002.6, "seconds": 0.5, "size": 2.0}
+    write(tmp_path, VERDICT | {"events": [push, felt], "collision_thresholds": limit})
     text = text_of(page(tmp_path))
-    assert "a runs/r2.parquet 1700000002.50 0.4 −7 N m" in text and "a 3.2 N m 90" in text
+    assert "runs/r2.parquet 1700000002.50 0.60 a −7 N m, b 2 N m" in text and "a 3.2 N m 90" in text
     write(tmp_path, VERDICT | {"events": [], "collision_thresholds": limit})
     assert "No push and no collision was seen." in text_of(page(tmp_path))
 

@@ -169,12 +169,17 @@ def test_the_check_of_finished_pages_sees_a_name_and_a_number_that_differ(tmp_pa
 def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
     outcome = copy.deepcopy(OUTCOME)
     event = {"joint": "a", "run": "r", "t": 1.0, "seconds": 0.2, "size": 9.0}
-    outcome["sessions"][-1] |= {"events": [event] * 3, "cannot_tell": [], "changes": []}
+    outcome["sessions"][-1] |= {
+        "events": [event | {"t": t} for t in (1.0, 2.0, 3.0)],
+        "cannot_tell": [],
+        "changes": [],
+    }
     write_tracking(tmp_path, outcome)
     strip = read_strip(tmp_path / "report.html")
     said = "Nothing changed since the machine was healthy."
     assert strip.answer.endswith(f"{said} Changes were seen in d3.") and strip.kind == "unsure"
     assert strip.caveat.startswith("3 short events left out; they are no change.")
+    assert "a 9" in (tmp_path / "report.html").read_text()
     outcome["sessions"][0] |= {"changes": []}
     write_tracking(tmp_path, outcome)
     strip = read_strip(tmp_path / "report.html")

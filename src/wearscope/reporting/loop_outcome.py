@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
+from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
     UNKNOWN,
     count_text,
@@ -64,7 +65,7 @@ def loop_strip(loop: ClosedLoop) -> Strip:
     sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
     if not statuses:
         sure = "Every effect of the vocabulary was tried at every joint that moves."
-    if events := len(loop.verdict.get("events") or []):
+    if events := len(join_events(loop.verdict.get("events") or [])):
         sure += f" Rows of {count_text(events, 'short event')} (a push, a collision) count in no fit."
     if kind == "good" and _doubt_masses(loop):
         kind = "unsure"
@@ -79,10 +80,14 @@ def _advise(loop: ClosedLoop) -> Markup:
         text = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
         until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
         return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run")) + until
-    if kept and not any(one["status"] == "confirmed" for one in entries):
-        return Markup(
-            "The test runs do not decide: record one of faster or wider motion, and diagnose again."
-        )
+    sure = any(one["status"] == "confirmed" for one in entries)
+    body = kept and any(one["effect"] in list_shared() for one in entries)
+    if not sure and (body or (not kept and _doubt_masses(loop))):
+        text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
+        return text + Markup("<code>--inertials trusted</code> lets the test runs tell a payload's error.")
+    if kept and not sure:
+        text = Markup("The test runs do not decide: record one of faster or wider motion, ")
+        return text + "and diagnose again."
     if kept:
         text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
         if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
@@ -90,9 +95,6 @@ def _advise(loop: ClosedLoop) -> Markup:
         return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
-    if _doubt_masses(loop):
-        text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
-        return text + Markup("<code>--inertials trusted</code> lets a payload's error be named.")
     if left := list_unexplained(loop.verdict, small=False):
         text = Markup('Look at the <a href="#residual">residual</a> of {}: a push stands out over time, ')
         return text.format(join_words(left)) + "a missing effect over a signal."
@@ -128,7 +130,8 @@ def _caveat(loop: ClosedLoop) -> str:
 
 def _doubt_masses(loop: ClosedLoop) -> str:
     """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
-    if any(one["effect"] in list_shared() and is_in_model(one) for one in loop.verdict["verdict"]):
+    shared = [one for one in loop.verdict["verdict"] if one["effect"] in list_shared()]
+    if any(one["status"] == "confirmed" and is_in_model(one) for one in shared):
         return ""  # the body's error has a name
     if factors := loop.verdict.get("torque_factors"):
         low, high = min(factors.values()), max(factors.values())
@@ -296,12 +299,6 @@ def render_events(loop: ClosedLoop) -> Markup:
     if not events and not thresholds:
         return Markup("")
     units = {joint: one["unit"] for joint, one in loop.verdict["joints"].items()}
-    found = [
-        {"joint": one["joint"], "run": one["run"], "starts at [s]": f"{one['t']:.2f}"}
-        | {"lasts [s]": one["seconds"], "torque that the model lacks": one["size"]}
-        | {"unit": units.get(one["joint"], "")}
-        for one in events or []
-    ]
     limits = [
         {"joint": joint, "threshold": one["threshold"], "unit": units.get(joint, "")}
         | {"false alarms per hour, at most": one["false_alarms_per_hour_at_most"]}
@@ -311,7 +308,7 @@ def render_events(loop: ClosedLoop) -> Markup:
     note += "Their rows count in no fit."
     told = "Of a collision detector: the largest torque that the model misses on test runs without events."
     return render_part(
-        notes=[note if found else "No push and no collision was seen."],
-        parts=[render_table(found, filter_by=JOINT | {"run": "run"})] if found else [],
+        notes=[note if events else "No push and no collision was seen."],
+        parts=[render_event_table(events, units)] if events else [],
         folded=[("Collision thresholds", False, render_table(limits, told, filter_by=JOINT))] * bool(limits),
     )

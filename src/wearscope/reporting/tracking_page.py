@@ -12,6 +12,7 @@ from markupsafe import Markup
 from wearscope import tables
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
+from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
     count_text,
     effect_name,
@@ -132,13 +133,16 @@ def render_tracking(tracking: Tracking) -> str:
         trends, "Straight line through the later sessions.", filter_by=JOINT, columns=columns
     )
     friction = embed_chart(chart_trend(names)) + (slopes if trends else "")
+    events = [event for one in outcome["sessions"] for event in one.get("events", [])]
+    notes = [one for one in outcome["notes"] if not one.endswith("an event, its rows are left out.")]
     sections = [
         Section("What changed", _outcome(tracking), "changed"),
         Section("Friction and what changed", friction, "friction"),
         Section("Wear", _wear(outcome["wear"]), "wear"),
         Section("Session by session", _sessions(outcome["sessions"]), "sessions"),
+        Section("Events", render_event_table(events, {}) if events else Markup(""), "events"),
         Section("The healthy machine", _healthy(outcome), "healthy"),
-        Section("Notes", render_part(listed=outcome["notes"]), "notes"),
+        Section("Notes", render_part(listed=notes), "notes"),
     ]
     return render_page(
         f"Tracked: {outcome['dataset']}",
@@ -182,7 +186,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
     if files:
         action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
     caveat = f"{caveat.rstrip('.')}."
-    if events := len(last.get("events", [])):
+    if events := len(join_events(last.get("events", []))):
         they = "it is" if events == 1 else "they are"
         caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
     sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
