@@ -296,6 +296,21 @@ def test_a_row_of_units_is_obeyed(tmp_path):
         np.testing.assert_allclose(made[f"tau_{joint}"][:n], TAU[:n, k], atol=1e-6)
 
 
+@pytest.mark.parametrize("constant", [None, 1e-3])
+def test_a_torque_constant_is_for_one_unit_of_the_column_whose_name_says_a_unit(constant, tmp_path):
+    (tmp_path / "robot.urdf").write_text(URDF)
+    head = [f"{kind}_{k}{unit}" for kind, unit in (("q", ""), ("torque", "_mNm")) for k in (1, 2)]
+    table = np.column_stack([T, Q, 1e3 * TAU])
+    lines = [",".join(["t", *head]), *(",".join(f"{one:.9g}" for one in row) for row in table)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    mapped = Mapped(torque_constant=[] if constant is None else [constant])
+    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", mapped)
+    told = "in mnm by their names" if constant is None else "times --torque-constant"
+    assert any(told in one for one in made.notes)
+    for k, joint in enumerate(("left_axis", "right_axis")):
+        np.testing.assert_allclose(made.runs[0].frame[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-6)
+
+
 @pytest.mark.parametrize("end", ["\x0b", "\x0c", "\u0085", "\u2028"])
 def test_lines_that_no_table_ends_are_one_line(tmp_path, end):
     """Python splits texts there, pandas does not."""

@@ -158,7 +158,7 @@ def read_torque(
 ) -> tuple[Array, list[str]]:
     """Torque (N, n) on the joint side."""
     constant = take_option("torque-constant", mapped.torque_constant, n)
-    told = "" if constant is None else ", times --torque-constant"
+    told = ""
     factor = np.ones(n) if constant is None else constant.values
     share = next((one for one in group.units if one in SHARES), "")
     if share and constant is None:
@@ -168,6 +168,12 @@ def read_torque(
             f"{100 if share in ('%', 'percent') else 1000}), for each joint."
         )
     if "torque" in values:
+        named = group.factors
+        if np.any(named != 1.0):
+            told = f", in {' and '.join(group.units)} by their names"
+        if constant is not None:
+            factor = factor / named  # it is stated for one unit of the column, whatever the name says
+            told = ", times --torque-constant"
         if mapped.torque_side == "motor":
             ratio = take_ratios(gear, "--torque-side motor", n)
             return values["torque"] * factor * ratio, [
