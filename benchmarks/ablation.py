@@ -77,7 +77,6 @@ MECHANISMS: dict[str, list[Place]] = {
     "is_much": [(revision, "is_much", _give(False))],
     "is_refined": [(revision, "is_refined", _give(False))],
     "absorb": [(revision, "absorb", _keep(2))],
-    "find_better": [(revision, "find_better", _give(None))],
     "offsets first": [(revision, "_represents_weight", _give(False))],
     "unbelievable": [(answer, "find_unbelievable", _give({}))],
     "dependence": [(answer, "find_dependence", _give({}))],

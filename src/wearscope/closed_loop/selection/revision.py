@@ -35,11 +35,7 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
                 search.progress(f"{own.term.label} is dropped: not needed with the others")
                 found = others
                 continue
-            better = None if f.effect.is_in_every_drive else find_better(search, others, f)
-            if better is not None:
-                changed.add(f.joint)
-                search.progress(f"{own.term.label} is replaced by {better.evidence.term.label}")
-            found = [better or Found(k.chosen, own) if k is f else k for k in found]
+            found = [Found(k.chosen, own) if k is f else k for k in found]
             continue
         again = ask_again(search, given, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
         if again is None:
@@ -74,15 +70,6 @@ def is_much(search: Search, chosen: Chosen, others: Sequence[Found]) -> bool:
     given = search.assemble(others, standard=True, held=True)
     own = weigh(given, chosen.candidate, chosen.subset, search.policy)
     return rule.is_plain(own, search.policy) and is_needed(search, given, own)
-
-
-def find_better(search: Search, others: list[Found], f: Found) -> Found | None:
-    """A name that gains more in the place of a standard term that not every drive has, which was not asked.
-
-    Standard terms come first, and an offset has most of what a weight does where a joint moves little.
-    """
-    again = ask_again(search, search.assemble(others), others, f)
-    return None if again is None or again.effect is f.effect else again
 
 
 def is_accepted(search: Search, f: Found, others: Sequence[Found]) -> bool:
