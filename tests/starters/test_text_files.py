@@ -97,6 +97,7 @@ TABLES = {
     "joints by name": by_row("joint", ["left_axis", "right_axis"]),
     "joints by number": by_row("axis", [1, 2], ("position_rad", "torque_Nm")),
     "joints one below the other": by_row("joint", ["left_axis", "right_axis"], sort="joint"),
+    "fortran": table().to_csv(index=False, float_format="%.9E").replace("E", "D"),
     "printed signs": table().to_csv(index=False).replace("-", "\u2212"),
     "a date and a time": say_time(lambda one: one.strftime("%d/%m/%Y,%H:%M:%S.%f"), "2026-03-11").replace(
         "time,", "Date,Time,"
@@ -149,6 +150,28 @@ def pack(path, name, text, more=()):
         for one in (name, *more):
             archive.writestr(one, text)
     return path
+
+
+@pytest.mark.parametrize("name", ["a.jsonl", "a.json", "a.npz"])
+def test_json_and_arrays_are_tables(name, tmp_path):
+    whole = table()
+    if name == "a.npz":
+        tau = whole[["tau_1", "tau_2"]].to_numpy()
+        np.savez(tmp_path / name, rate=100.0, tau=tau, **{k: whole[k] for k in ("time", "q_1", "q_2")})
+    else:
+        whole.to_json(tmp_path / name, orient="records", lines=name == "a.jsonl", double_precision=12)
+    frame, _ = read_recording(tmp_path / name)
+    assert sorted(frame.columns) == sorted(NAMES)
+    assert np.allclose(frame[NAMES], whole[NAMES])
+
+
+def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
+    (tmp_path / "a.jsonl").write_text('{"time": 0, "q": [1, 2]}\n' * 9)
+    with pytest.raises(InputError, match="'q' has several values in a row; give each a column"):
+        read_recording(tmp_path / "a.jsonl")
+    np.savez(tmp_path / "b.npz", q=np.array([{}], dtype=object))
+    with pytest.raises(InputError, match="cannot be read as a table"):
+        read_recording(tmp_path / "b.npz")
 
 
 @pytest.mark.parametrize("name", ["a.csv.gz", "a.zip"])

@@ -1,4 +1,4 @@
-"""Recordings as tables: text of any separator, Parquet, and ROS 2 bags with joint states."""
+"""Recordings as tables: text of any separator, JSON, NumPy, Parquet, and ROS 2 bags with joint states."""
 
 import csv
 import gzip
@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any, cast
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -30,6 +31,7 @@ _BROKEN = (OSError, EOFError, ValueError, NotImplementedError, RuntimeError, zli
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _BAGS = (".mcap", ".db3", ".bag")
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
+_JSON = (".jsonl", ".ndjson", ".json")
 _PACKED = (".gz", ".zip")
 
 
@@ -39,7 +41,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     Parameters
     ----------
     path : Path
-        A text file, a Parquet file, an MCAP file, or the folder of a ROS 2 bag.
+        A text, JSON, NumPy or Parquet file, an MCAP file, or the folder of a ROS 2 bag.
     topic : str, optional
         Of the joint states in a bag; the one with most messages where left out.
 
@@ -69,9 +71,14 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
                     return _read(inner, topic)
                 except InputError as error:
                     raise InputError(str(error).replace(str(inner), str(path))) from None
-        if kind in _TEXT:
+        if kind in (*_TEXT, *_JSON, ".npz"):
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
+        if kind in _TEXT:
             return read_text(path)
+        if kind in _JSON:
+            return _check_cells(pd.read_json(path, lines=kind != ".json", dtype=False), path), []
+        if kind == ".npz":
+            return _read_arrays(path), []
     except (InputError, MemoryError):
         raise
     except (*_BROKEN, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
@@ -81,8 +88,26 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(
         f"{path}: is no recording that is known; give {', '.join(_TEXT)} (or one of them as "
-        f"{' or '.join(_PACKED)}), .parquet, .mcap or a bag."
+        f"{' or '.join(_PACKED)}), {', '.join(_JSON)}, .npz, .parquet, .mcap or "
+        "a bag; save another kind as CSV."
     )
+
+
+def _check_cells(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
+    for name in frame.select_dtypes("object"):
+        if frame[name].map(lambda cell: isinstance(cell, list | dict)).any():
+            raise InputError(f"{path}: '{name}' has several values in a row; give each a column of its own.")
+    return frame
+
+
+def _read_arrays(path: Path) -> pd.DataFrame:
+    """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
+    columns: dict[str, np.ndarray] = {}
+    with np.load(path, allow_pickle=False) as arrays:
+        for name, x in arrays.items():
+            many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
+            columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
+    return pd.DataFrame(columns)
 
 
 def _unpack(path: Path, folder: Path) -> Path:

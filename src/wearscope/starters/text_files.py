@@ -19,6 +19,8 @@ _COMMENTS = "#%/"
 _LOOK, _HEAD = 400, 8_000_000
 #: Share of a column that must be numbers for the rest to be none; of usual numbers in a row.
 _NUMBERS, _ROW = 0.5, 0.8
+#: The D of an exponent as Fortran writes it.
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 #: Share of a column's cells that may be damaged.
 _FEW_ODD = 0.01
 
@@ -104,7 +106,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        float(_FORTRAN.sub("e", text))
         return True
     except ValueError:
         return False
@@ -188,7 +190,7 @@ def _join_names(upper: list[str], lower: list[str]) -> list[str]:
 def _has_decimal_commas(lines: list[str], separator: str) -> bool:
     """Whether more cells are numbers with a comma at last than with a point."""
     cells = [cell for line in lines if line.strip() for cell in _split(line, separator)]
-    forms = [re.compile(rf"[+-]?[\d.,]*{mark}\d*(e[+-]?\d+)?", re.IGNORECASE) for mark in (",", r"\.")]
+    forms = [re.compile(rf"[+-]?[\d.,]*{mark}\d*([de][+-]?\d+)?", re.IGNORECASE) for mark in (",", r"\.")]
     commas, points = (sum(form.fullmatch(cell) is not None for cell in cells) for form in forms)
     return commas > points
 
@@ -198,6 +200,7 @@ def _to_numbers(column: pd.Series, point: str) -> pd.Series:
     mark, text = "." if point == "," else ",", column.astype(str).str.strip()
     grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
     text = text.str.translate({0x2212: "-", 0x2013: "-"})  # signs as in print
+    text = text.str.replace(_FORTRAN, "e", regex=True)
     text = text.where(~grouped, text.str.replace(mark, "", regex=False)).str.replace(point, ".", regex=False)
     numbers = pd.to_numeric(text, errors="coerce")
     most = numbers.notna().sum() > _NUMBERS * column.notna().sum()
