@@ -29,6 +29,7 @@ PENDULUM = f"""<robot name="pendulum"><link name="base"/>
     <inertia ixx="{MOMENT}" iyy="{MOMENT}" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
 </robot>"""
+LIMITS = '<limit lower="-9" upper="9" effort="900" velocity="90"/>'
 
 
 def check(folder):
@@ -311,16 +312,60 @@ def test_faults_of_an_arm_are_told_in_all_runs_and_in_one(arm, tmp_path, fault, 
     refuse(folder, pattern)
 
 
-@pytest.mark.parametrize("share", [0.03, slow(0.1)])
-def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
-    """A last link of which the URDF knows a small share: its joint needs many times that, the others more."""
-    folder = shutil.copytree(arm, tmp_path / "d")
+def lighten_last_link(folder, share):
     text = (folder / "robot.urdf").read_text()
     start = text.rindex("<inertial>")
     own = re.sub(
         r'((?:value|i[xyz][xyz])=")([^"]*)"', lambda m: f'{m[1]}{share * float(m[2]):.9g}"', text[start:]
     )
     (folder / "robot.urdf").write_text(text[:start] + own)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.1])
+@pytest.mark.parametrize("known", [True, False])
+def test_gravity_that_a_controllers_own_model_took_out_is_told(tmp_path, off, known):
+    """Its masses are off, or it knows no payload: the weight of the rest stays in the torque."""
+    recipe = Recipe(duration=8.0, plans=PLANS, inertia_error=off)
+    folder = tmp_path / "d"
+    generate_dataset(folder, "arm3", [Planted("stribeck", "waist", 8.0)], 3, recipe)
+    joints = yaml.safe_load((folder / "dataset.yaml").read_text())["robot"]["joints"]
+    body = prepare(read_dataset(folder, find_prismatic)).runs[0].signals.rigid_body
+    body = body if known else body.with_payload(None)
+
+    def take_out(table):
+        q = table[[f"q_{joint}" for joint in joints]].to_numpy()
+        gravity = body.inverse_dynamics(q, 0.0 * q, 0.0 * q)
+        return table.assign(
+            **{f"tau_{j}": table[f"tau_{j}"] - g for j, g in zip(joints, gravity.T, strict=True)}
+        )
+
+    change_runs(folder, take_out)
+    refuse(
+        folder, 'no gravity in it; write "torque: without_gravity"' if known else "has the payload's gravity"
+    )
+
+
+@pytest.mark.parametrize("weight", [0.0, MASS * GRAVITY])
+def test_a_constant_weight_that_is_missing_is_told(tmp_path, weight):
+    """On a vertical slide it is an offset, which a fit has at any size."""
+    folder = swing(tmp_path / "p", 1.0)
+    slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)
+    (folder / "robot.urdf").write_text(slide)
+
+    def lift(table):
+        v = np.gradient(table["q_pivot"], 1.0 / RATE)
+        return table.assign(tau_pivot=MASS * np.gradient(v, 1.0 / RATE) + 3.0 * np.sign(v) + weight)
+
+    change_runs(folder, lift)
+    change_fields(folder, lambda fields: fields.update(units={"q": "m", "tau": "N"}))
+    assert any("is missing from this torque" in note for note in check(folder).notes) == (weight == 0.0)
+
+
+@pytest.mark.parametrize("share", [0.03, slow(0.1)])
+def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
+    """A last link of which the URDF knows a small share: its joint needs many times that, the others more."""
+    folder = shutil.copytree(arm, tmp_path / "d")
+    lighten_last_link(folder, share)
     check(folder)
 
 

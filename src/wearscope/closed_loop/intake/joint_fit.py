@@ -11,13 +11,15 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from wearscope.closed_loop.intake.products import DRIVE, FALLS, NONE, Fit, Products
+from wearscope.closed_loop.intake.products import FALLS, NONE, Fit, Products
 from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 
 #: Share of a link's own parameters by which they may differ from the stated ones at the fit's cost, trusted
 #: or approximate; share of the robot's mass that every link and the last may carry undeclared at that cost.
 _SLACK = {"trusted": 0.15, "approximate": 0.25}
 _CARRIED, _LOADED = 0.01, 0.05
+#: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
+_ACTS = 1e-9
 #: Fewest rows of a joint that say something.
 LEAST_ROWS = 30
 #: Share of a torque's variance that a reading removes at least.
@@ -49,8 +51,8 @@ class Rows:
         Declared rotor inertia; largest speed.
     inertials : str
         ``trusted`` or ``approximate``.
-    gravity : float
-        Factor of the stated gravity.
+    gravity : tuple of float, optional
+        In the base frame, in place of the stated one [m/s^2].
     springs : bool
         Whether each joint may have any torque that is a line, sine and cosine of its own position.
     """
@@ -66,7 +68,7 @@ class Rows:
     inertia: np.ndarray
     top: np.ndarray
     inertials: str
-    gravity: float = 1.0
+    gravity: tuple[float, ...] | None = None
     springs: bool = False
 
     def is_worth(self, total: float, any_size: bool = False) -> bool:
@@ -75,14 +77,12 @@ class Rows:
 
     def rivals_springs(self, total: float) -> bool:
         """Whether a reading does about as well as springs and balancers of all joints would."""
-        return total < 2.0 * self.sprung.fit().total + NONE
+        return total < 2.0 * self.sprung.total + NONE
 
     @cached_property
     def sprung(self) -> Products:
         """What a fit with springs needs."""
-        other = replace(self, springs=True)
-        other.__dict__.update({"slack": self.slack, "known": self.known})
-        return other.products
+        return self.share(replace(self, springs=True), "slack", "known").products
 
     @property
     def n(self) -> int:
@@ -97,6 +97,11 @@ class Rows:
             other.__dict__[name] = self.__dict__[name][at]
         return other
 
+    def share(self, other: "Rows", *names: str) -> "Rows":
+        """Other rows, with what has been computed of these and is the same."""
+        other.__dict__.update({name: getattr(self, name) for name in names})
+        return other
+
     def thin(self, most: int) -> "Rows":
         """Rows enough for a first look."""
         return self.pick(np.arange(0, len(self.q), max(1, len(self.q) // most)))
@@ -105,99 +110,94 @@ class Rows:
         """Columns of the joints by a factor (n,)."""
         return replace(self, **{name: getattr(self, name) * factor for name in names})
 
-    def with_slack(self, slack: np.ndarray) -> "Rows":
-        """The same rows with another regressor of the links' parameters (N, n, P)."""
-        other = replace(self)
-        other.__dict__["slack"] = slack
-        return other
+    def miss(self, any_size: bool = False) -> float:
+        """What all joints leave, with torques as they are, or each of any size and apart from the others."""
+        if not any_size:
+            return self.products.total
+        return self._multiply(self._drive, self._drive.transpose(0, 2, 1) @ self._drive).any_size
+
+    def _body(self, run: int) -> RigidBody:
+        return self.bodies[run] if self.gravity is None else self.bodies[run].with_gravity(self.gravity)
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """Regressor (N, n, P) of the links' parameters."""
-        body = self.bodies[0]
-        if self.gravity != 1.0:
-            body = body.with_gravity((self.gravity * np.array(body.gravity)).tolist())
-        return body.inertial_regressor(self.q, self.v, self.a)
+        """What the links' parameters may add to the torques (N, n, P), each with the cost of one."""
+        ways = _list_ways(self.bodies[0], self.inertials)
+        return np.asarray(self._body(0).inertial_regressor(self.q, self.v, self.a) @ ways)
 
     @cached_property
     def known(self) -> np.ndarray:
         """Torque of the stated rigid body, payload and rotors (N, n)."""
         known = self.inertia * self.a
-        for run in np.unique(self.run).tolist():
-            at, body = self.run == run, self.bodies[run]
-            links = body.inertial_parameters
-            if body.payload is not None:
-                links[-N_PARAMETERS:] += body.payload.parameters
-            known[at] += self.slack[at] @ links
+        for payload in {body.payload for body in self.bodies}:
+            runs = [k for k, body in enumerate(self.bodies) if body.payload == payload]
+            at = np.isin(self.run, runs)
+            known[at] += self._body(runs[0]).inverse_dynamics(self.q[at], self.v[at], self.a[at])
         return known
 
     def with_torques(self, tau: np.ndarray) -> "Rows":
         """The same motion with other torques (N, n)."""
-        other = replace(self, tau=tau)
-        other.__dict__.update(slack=self.slack, known=self.known, columns=self.columns)
-        return other
+        return self.share(replace(self, tau=tau), "slack", "known", "columns", "own")
 
     @cached_property
-    def columns(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Columns of each joint less their mean (K, U), their places among all, and their products (P, P).
+    def _drive(self) -> np.ndarray:
+        """Columns (n, N, D + 1) of each joint's drive and stated body, less their mean."""
+        load, speed = self.sign * np.abs(self.known), np.abs(self.v) / np.maximum(self.top, 1e-300)
+        falls = [np.exp(-speed / share) for share in FALLS]
+        friction = [self.sign, self.v, *(self.sign * f for f in falls), load, *(load * f for f in falls)]
+        return self._take_out(np.stack([self.a, *friction, self.known], axis=2))
 
-        In the order of links, drive, stated body; links that do not act on a joint have none there.
-        """
-        size = self.slack.shape[2] + len(DRIVE) + 1
-        made = []
-        for j in range(self.n):
-            at = self.counts[:, j]
-            if at.sum() < LEAST_ROWS:
-                made.append((np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((size, size))))
-                continue
-            slack = self.slack[at, j]
-            acts = np.flatnonzero(slack.any(axis=0))
-            known = self.known[at, j]
-            sign, load = self.sign[at, j], self.sign[at, j] * np.abs(known)
-            speed = np.abs(self.v[at, j]) / max(self.top[j], 1e-300)
-            falls = [np.exp(-speed / share) for share in FALLS]
-            friction = [sign, self.v[at, j], *(sign * f for f in falls), load, *(load * f for f in falls)]
-            x = self._take_out(np.column_stack([slack[:, acts], self.a[at, j], *friction, known]), j)
-            places, products = np.append(acts, np.arange(slack.shape[1], size)), np.zeros((size, size))
-            products[np.ix_(places, places)] = x.T @ x
-            made.append((x, places, products))
-        return made
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """Columns (n, N, P + D + 1) of links, drive and stated body, less their mean."""
+        return np.concatenate([self._take_out(self.slack), self._drive], axis=2)
 
-    def _take_out(self, columns: np.ndarray, joint: int) -> np.ndarray:
-        """Columns (K, P) of a joint less their mean, and less what its springs may give."""
-        if not self.springs:
-            return np.asarray(columns - columns.mean(axis=0))
-        q = self.q[self.counts[:, joint], joint]
-        basis = np.linalg.qr(np.column_stack([np.ones(len(q)), q, np.sin(q), np.cos(q)]))[0]
-        return np.asarray(columns - basis @ (basis.T @ columns))
+    def _take_out(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, n, K) as (n, N, K) less their mean and springs; 0 in rows that do not count."""
+        counts, q = self.counts.T[:, :, None], self.q.T
+        x = columns.transpose(1, 0, 2) * counts
+        x -= counts * (x.sum(axis=1, keepdims=True) / np.maximum(counts.sum(axis=1, keepdims=True), 1))
+        if self.springs:
+            basis = np.stack([np.ones_like(q), q, np.sin(q), np.cos(q)], axis=2)
+            basis = np.linalg.qr(counts * basis)[0]
+            x -= basis @ (basis.transpose(0, 2, 1) @ x)
+        return x
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Products (n, P + D + 1, P + D + 1) of the columns."""
+        return np.asarray(self.columns.transpose(0, 2, 1) @ self.columns)
 
     @cached_property
     def products(self) -> Products:
         """What a fit needs of these rows."""
-        scale, grams, units = np.zeros(self.n), [], self._units
-        for j, (x, places, own) in enumerate(self.columns):
-            y = self.tau[self.counts[:, j], j]
-            y = y - y.mean() if len(y) else y
-            if not len(x) or not y.std() > 0.0:
-                grams.append(np.zeros((0, 0)))
-                continue
-            scale[j] = y.std()
-            y = self._take_out(y[:, None], j)[:, 0]
-            cross = np.zeros(len(own))
-            cross[places] = x.T @ y
-            gram = np.block([[own, cross[:, None]], [cross[None, :], np.array([[y @ y]])]])
-            grams.append(gram * np.outer(units, units) / (len(y) * scale[j] ** 2))
-        return Products(grams, scale, len(units) - len(DRIVE) - 2)
+        return self._multiply(self.columns, self.own)
+
+    def _multiply(self, x: np.ndarray, own: np.ndarray) -> Products:
+        y, k = self._torques, x.shape[2]
+        grams, scale = np.zeros((self.n, k + 1, k + 1)), self._scale
+        grams[:, :k, :k], grams[:, k, k] = own, np.sum(y**2, axis=1)
+        grams[:, :k, k] = grams[:, k, :k] = np.asarray(x.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
+        over = self.counts.sum(axis=0) * scale**2
+        return Products(
+            grams * np.where(scale > 0.0, 1.0 / np.maximum(over, 1e-300), 0.0)[:, None, None], scale
+        )
+
+    @cached_property
+    def _torques(self) -> np.ndarray:
+        """Torques (n, N), as the columns."""
+        return self._take_out(self.tau[:, :, None])[:, :, 0]
+
+    @cached_property
+    def _scale(self) -> np.ndarray:
+        """Spread (n,) of the torques in the rows that count; 0 where there are few or it is constant."""
+        some = [self.tau[at, j] for j, at in enumerate(self.counts.T)]
+        return np.array([y.std() if len(y) >= LEAST_ROWS and np.ptp(y) > 0.0 else 0.0 for y in some])
 
     @cached_property
     def fitted(self) -> Fit:
         """Fit of all joints."""
         return self.products.fit()
-
-    @property
-    def _units(self) -> np.ndarray:
-        """Units of the columns of links, drive, stated body and torque."""
-        return np.append(_deviations(self.bodies[0], self.inertials), np.ones(len(DRIVE) + 2))
 
     def leave(self, blocks: np.ndarray) -> np.ndarray:
         """What the fit of all rows leaves in blocks of them, (B, n), in shares of each torque's variance.
@@ -206,17 +206,59 @@ class Rows:
         ----------
         blocks : ndarray (N,) of int
         """
-        out = np.zeros((blocks.max() + 1, self.n))
-        for j, found in self.fitted.found.items():
-            at, (x, places, _) = self.counts[:, j], self.columns[j]
-            y = self._take_out(self.tau[at, j][:, None], j)[:, 0]
-            own = np.append(found, 1.0) * self._units[:-1]
-            errors = (y - x @ own[places]) / self.products.scale[j]
-            out[:, j] = np.bincount(blocks[at], errors**2, len(out)) / at.sum()
-        return out
+        found, scale = self.fitted.found, np.where(self._scale > 0.0, self._scale, np.inf)
+        errors = (
+            self._torques - np.einsum("jnk,jk->jn", self.columns[:, :, :-1], found) - self.columns[:, :, -1]
+        )
+        shares = (errors / scale[:, None]) ** 2 / np.maximum(self.counts.sum(axis=0), 1)[:, None]
+        return np.column_stack([np.bincount(blocks, own, blocks.max() + 1) for own in shares])
+
+
+class Mixture:
+    """Rows whose bodies' torques are weighed sums of other rows', as those at any gravity or shift are.
+
+    Parameters
+    ----------
+    parts : list of Rows
+        Alike except for their bodies' torques. Weights (K,) sum to one.
+    """
+
+    def __init__(self, parts: list[Rows]) -> None:
+        self._parts = parts
+
+    def miss(self, weights: np.ndarray, any_size: bool) -> float:
+        """See `Rows.miss`."""
+        first = self._parts[0]
+        other = first.share(replace(first), "_torques", "_scale")
+        other.__dict__["known"] = np.tensordot(weights, self._known, 1)
+        if not any_size:
+            other.__dict__["slack"] = np.tensordot(weights, self._slack, 1)
+        return other.miss(any_size)
+
+    @cached_property
+    def _known(self) -> np.ndarray:
+        return np.stack([rows.known for rows in self._parts])
+
+    @cached_property
+    def _slack(self) -> np.ndarray:
+        return np.stack([rows.slack for rows in self._parts])
 
 
 @lru_cache(maxsize=64)
+def _list_ways(body: RigidBody, inertials: str) -> np.ndarray:
+    """Ways (10 n, P) in which the links' parameters can act on torques, each with the cost of one.
+
+    Some do not act on any torque, and others alike, whatever the motion and wherever gravity points.
+    """
+    q, v, a = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 20, body.n))
+    seen = [body.with_gravity(axis).inertial_regressor(q, v, a) for axis in np.diag([9.8] * 3).tolist()]
+    deviations = _deviations(body, inertials)
+    x = np.concatenate(seen) * deviations
+    x /= np.maximum(np.linalg.norm(x, axis=(0, 2), keepdims=True), 1e-300)
+    _, sizes, ways = np.linalg.svd(x.reshape(-1, x.shape[2]), full_matrices=False)
+    return np.asarray(deviations[:, None] * ways[sizes > _ACTS * sizes[0]].T)
+
+
 def _deviations(body: RigidBody, inertials: str) -> np.ndarray:
     """Deviation (10 n,) of each inertial parameter that has the cost of one."""
     links = body.inertial_parameters.reshape(-1, N_PARAMETERS)

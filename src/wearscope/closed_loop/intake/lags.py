@@ -87,7 +87,7 @@ def find_lag(asked: Asked) -> float | None:
     heard, stated = rows.products.heard, rows.fitted
     if not heard or not stated.is_doubtful:
         return None
-    if rows.with_torques(asked.torque_at(2.0 * _SOON, 0)[at]).fitted.total > _SOONER * stated.total:
+    if rows.with_torques(asked.torque_at(2.0 * _SOON, 0)[at]).products.total > _SOONER * stated.total:
         return None
     both = [(lag.rows.fitted, lag.time) for lag in (_find_delay(asked, at), _find_filter(asked, at))]
     fit, time = min(both, key=lambda one: one[0].total)
@@ -130,12 +130,12 @@ def _find(asked: Asked, at: np.ndarray, tried: np.ndarray, torques: Callable[[fl
 
     moved = [move(time) for time in tried.tolist()]
     losses = np.array([one.leave(blocks).sum(axis=1) for one in moved])
-    whole = np.array([one.fitted.total for one in moved])
+    whole = np.array([one.products.total for one in moved])
     without = np.array([_find_lowest(tried, whole - one) for one in losses.T])
     error = np.sqrt((len(without) - 1) * np.mean((without - without.mean()) ** 2))
     best = _find_lowest(tried, whole)
     fine = optimize.minimize_scalar(
-        lambda time: move(time).fitted.total, method="bounded", options={"xatol": 5e-4},
+        lambda time: move(time).products.total, method="bounded", options={"xatol": 5e-4},
         bounds=(max(best - _STEP, tried[0]), min(best + _STEP, tried[-1])),
     )  # fmt: skip
     time = float(fine.x)

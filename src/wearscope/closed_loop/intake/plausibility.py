@@ -12,6 +12,7 @@ from scipy import interpolate
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
+from wearscope.closed_loop.intake.gravity import find_missing_weight
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
 from wearscope.closed_loop.intake.lags import find_lag
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
@@ -303,7 +304,16 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
             f"{', '.join(link)}: there is no friction to be seen in this torque, as behind the gear (link "
             'side); "torque: link" in dataset.yaml says so and changes no number.'
         )
+    weight, lacks = find_missing_weight(whole)
     for j in whole.products.heard:
+        if lacks[j]:
+            prepared.notes.append(
+                f"{joints[j]}: the weight that the stated bodies have there, {weight[j]:.3g} on average, is "
+                'missing from this torque: gravity was taken out ("torque: without_gravity"), a balancer or '
+                "brake carries it, or the sensor was set to zero under load. Where it hardly varies, "
+                "the data do not tell which; record the drive's whole torque."
+            )
+            continue
         small = (0.0 < factor[j] < _NO_BODY or without[j] < 1.1 * loose[j]) and without[j] < _DOUBTFUL
         if small and _needs_body(whole, j):
             prepared.notes.append(

@@ -1,6 +1,7 @@
 """What one fit of all joints' torques leaves, from the products of its columns; see `joint_fit`."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, optimize
@@ -32,14 +33,14 @@ class Fit:
         Of links that differ from the stated ones.
     friction : ndarray (n,)
         Share of the variance that friction makes.
-    found : dict of int to ndarray
-        By joint, coefficients of its links over what costs `_COST`, and of its drive.
+    found : ndarray (n, P + D)
+        Coefficients of the links, each over what costs `_COST`, and of each joint's drive.
     """
 
     left: np.ndarray
     cost: float
     friction: np.ndarray
-    found: dict[int, np.ndarray]
+    found: np.ndarray
 
     @property
     def total(self) -> float:
@@ -58,84 +59,96 @@ class Products:
 
     Attributes
     ----------
-    grams : list of ndarray
-        By joint, over the torque's variance; empty where a joint says nothing.
+    grams : ndarray (n, P + D + 2, P + D + 2)
+        Over the torque's variance; zeros where a joint says nothing. The links' columns are each over what
+        costs `_COST`.
     scale : ndarray (n,)
-        Spread of the torques.
-    size : int
-        Number of the links' columns, each over what costs `_COST`.
+        Spread of the torques; 0 where a joint says nothing.
     """
 
-    grams: list[np.ndarray]
+    grams: np.ndarray
     scale: np.ndarray
-    size: int
 
     @property
     def heard(self) -> list[int]:
         """Joints that say something."""
-        return [j for j, gram in enumerate(self.grams) if gram.size]
+        return [int(j) for j in np.flatnonzero(self.scale)]
+
+    @property
+    def size(self) -> int:
+        """Number of the links' columns."""
+        return self.grams.shape[1] - len(DRIVE) - 2
 
     def resize(self, size: np.ndarray) -> "Products":
         """Products of torques divided by a size (n,), -1 where turned round."""
-        grams = []
-        for gram, one in zip(self.grams, size.tolist(), strict=True):
-            scale = np.append(np.full(max(len(gram) - 1, 0), one), 1.0)[: len(gram)]
-            grams.append(gram * np.outer(scale, scale))
-        return replace(self, grams=grams, scale=self.scale / np.abs(size))
+        factor = np.repeat(size[:, None], self.grams.shape[1], axis=1)
+        factor[:, -1] = 1.0
+        return Products(self.grams * factor[:, :, None] * factor[:, None, :], self.scale / np.abs(size))
 
     def run_backwards(self) -> "Products":
         """Products of friction that gives power."""
-        p, d = self.size, len(DRIVE)
-        sign = np.ones(p + d + 2)
-        sign[p : p + d][FRICTION] = -1.0
-        return replace(
-            self, grams=[gram * np.outer(sign, sign) if gram.size else gram for gram in self.grams]
-        )
+        sign = np.ones(self.grams.shape[1])
+        sign[self.size : -2][FRICTION] = -1.0
+        return replace(self, grams=self.grams * np.outer(sign, sign))
 
     def fit(self) -> Fit:
         """Fit all joints at once."""
-        n, p, d = len(self.grams), self.size, len(DRIVE)
-        heard = self.heard
-        links = np.diag(np.full(p, _COST))
-        cross, drive = np.zeros((p, d * len(heard))), np.zeros((d * len(heard), d * len(heard)))
-        right_links, right = np.zeros(p), np.zeros(d * len(heard))
-        made = []
-        for k, j in enumerate(heard):
-            part, at = self.grams[j], slice(d * k, d * (k + 1))
-            # Torque less the stated body.
-            b = part[:, -1] - part[:, -2]
-            links += part[:p, :p]
-            cross[:, at] = part[:p, p : p + d]
-            drive[at, at] = part[p : p + d, p : p + d]
-            right_links += b[:p]
-            right[at] = b[p : p + d]
-            made.append((part, b, float(b[-1] - b[-2])))
-        links += _HELD * float(np.diag(links).max()) * np.eye(p)
-        factor = linalg.cho_factor(links)
-        solved = linalg.cho_solve(factor, np.column_stack([cross, right_links]))
-        found = _solve_non_negative(drive - cross.T @ solved[:, :-1], right - cross.T @ solved[:, -1])
-        moved = solved[:, -1] - solved[:, :-1] @ found
-        left, friction, every = np.full(n, np.nan), np.zeros(n), dict[int, np.ndarray]()
-        for k, j in enumerate(heard):
-            part, b, whole = made[k]
-            own = found[d * k : d * (k + 1)]
-            z = every[j] = np.concatenate([moved, own])
-            # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
-            rounding = len(z) * np.finfo(float).eps * whole
-            left[j] = max(whole - 2 * z @ b[: p + d] + z @ part[: p + d, : p + d] @ z, rounding)
-            rubs = own[FRICTION]
-            friction[j] = rubs @ part[p : p + d, p : p + d][FRICTION, FRICTION] @ rubs
-        return Fit(left, _COST * float(moved @ moved), friction, every)
+        p, heard = self.size, self.heard
+        moved, own, right, whole = self._solve()
+        grams = self.grams[heard]
+        found = np.zeros((len(self.scale), p + len(DRIVE)))
+        found[heard] = z = np.column_stack([np.tile(moved, (len(heard), 1)), own])
+        left, friction = np.full(len(found), np.nan), np.zeros(len(found))
+        # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
+        rounding = z.shape[1] * np.finfo(float).eps * (whole + 2.0 * np.sum(np.abs(z * right), axis=1))
+        gone = _form(z, grams[:, :-2, :-2]) - 2.0 * np.sum(z * right, axis=1)
+        left[heard] = np.maximum(whole + gone, rounding)
+        friction[heard] = _form(z[:, p:][:, FRICTION], grams[:, p:-2, p:-2][:, FRICTION, FRICTION])
+        return Fit(left, _COST * float(moved @ moved), friction, found)
+
+    @cached_property
+    def total(self) -> float:
+        """What `fit` leaves in all, at less expense."""
+        moved, own, right, whole = self._solve()
+        # Of coefficients that are held at zero or best, the products with the torque are what is explained.
+        parts = np.append(-right[:, : self.size] @ moved, whole - np.sum(right[:, self.size :] * own, axis=1))
+        rounding = self.grams.shape[1] * np.finfo(float).eps * float(whole.sum())
+        return max(float(parts.sum()), rounding)
+
+    def _solve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients of the links (P,) and of each drive (K, D); products of the K torques less the bodies.
+
+        The last are those with the columns, (K, P + D), and with themselves, (K,).
+        """
+        p, d, heard = self.size, len(DRIVE), self.heard
+        grams = self.grams[heard]
+        right = grams[:, :-2, -1] - grams[:, :-2, -2]
+        whole = grams[:, -1, -1] - 2.0 * grams[:, -1, -2] + grams[:, -2, -2]
+        links = _COST * np.eye(p) + grams[:, :p, :p].sum(axis=0)
+        links += _HELD * links.diagonal().max() * np.eye(p)
+        cross = grams[:, :p, p:-2].transpose(1, 0, 2).reshape(p, -1)
+        drive = np.zeros((len(heard), d, len(heard), d))
+        drive[range(len(heard)), :, range(len(heard))] = grams[:, p:-2, p:-2]
+        root = np.linalg.cholesky(links)
+        all_right = np.column_stack([cross, right[:, :p].sum(axis=0)])
+        solved = linalg.solve_triangular(root, all_right, lower=True, check_finite=False)
+        own = _solve_non_negative(
+            drive.reshape(right[:, p:].size, right[:, p:].size) - solved[:, :-1].T @ solved[:, :-1],
+            right[:, p:].ravel() - solved[:, :-1].T @ solved[:, -1],
+        )
+        rest = solved[:, -1] - solved[:, :-1] @ own
+        moved = linalg.solve_triangular(root, rest, lower=True, trans=1, check_finite=False)
+        return moved, own.reshape(-1, d), right, whole
 
     def miss(self, any_size: bool = False) -> float:
         """What all joints leave, with torques as they are or each of any size."""
-        return self.any_size if any_size else self.fit().total
+        return self.any_size if any_size else self.total
 
     @property
     def any_size(self) -> float:
         """What each joint by itself leaves, with a body of any size or none."""
-        factor, left, without = self.fit_sizes()
-        return float(np.nansum(np.where(factor > 0.0, np.minimum(left, without), without)))
+        own = self.grams[:, self.size :, self.size :]
+        return float(sum(_left(own[j], np.arange(len(DRIVE) + 1), 1.0)[0] for j in self.heard))
 
     def fit_sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Each joint by itself with a torque of any size, also turned round.
@@ -163,6 +176,11 @@ class Products:
                 if one < left[j]:
                     left[j], factor[j] = one, way * size
         return factor, left, without
+
+
+def _form(z: np.ndarray, grams: np.ndarray) -> np.ndarray:
+    """Forms z' G z for each of some z (K, P) and G (K, P, P)."""
+    return np.asarray(np.sum((grams @ z[:, :, None])[:, :, 0] * z, axis=1))
 
 
 def _left(gram: np.ndarray, picked: np.ndarray, sign: float) -> tuple[float, np.ndarray]:

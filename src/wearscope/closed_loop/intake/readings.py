@@ -135,7 +135,7 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
     """Joints (n,) whose torques must be turned to leave least; None where none must."""
     products = rows.products
     best = np.zeros(rows.n, dtype=bool) if start is None else start
-    least = products.resize(_signs(best)).fit().total
+    least = products.resize(_signs(best)).total
     every = np.ones(rows.n, dtype=bool)
     candidates = [every] if rows.n > 1 else []
     while True:
@@ -144,9 +144,7 @@ def _turn_torques(rows: Rows, start: np.ndarray | None = None) -> np.ndarray | N
             other = best.copy()
             other[j] ^= True
             single.append(other)
-        tried = [
-            (products.resize(_signs(one)).fit().total, k, one) for k, one in enumerate([*single, *candidates])
-        ]
+        tried = [(products.resize(_signs(one)).total, k, one) for k, one in enumerate([*single, *candidates])]
         candidates = []
         total, _, one = min(tried, key=lambda t: t[:2]) if tried else (np.inf, 0, best)
         if total > least - _ALIKE:
@@ -203,7 +201,7 @@ def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
     rows = asked.rows.thin(_FIRST_LOOK)
     turned = np.zeros(rows.n, dtype=bool)
     torques = np.zeros(rows.n, dtype=bool)
-    least = rows.products.fit().total
+    least = rows.products.total
     while turned.sum() < rows.n:
         tried: list[tuple[float, int, np.ndarray, np.ndarray]] = []
         for j in rows.products.heard:
@@ -213,7 +211,7 @@ def _read_turned_positions(asked: Asked) -> Iterator[Reading]:
             for also in (False, True):
                 tau = torques.copy()
                 tau[j] ^= also
-                tried.append((read.products.resize(_signs(tau)).fit().total, len(tried), other, tau))
+                tried.append((read.products.resize(_signs(tau)).total, len(tried), other, tau))
         if not tried:
             return
         total, _, other, tau = min(tried, key=lambda t: t[:2])

@@ -1,6 +1,7 @@
 """Readings of positions that go too far or not far enough: turns, angles before a gear, wrong degrees."""
 
 from collections.abc import Callable, Iterator
+from functools import cache
 
 import numpy as np
 from scipy import optimize
@@ -24,10 +25,14 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     if not heard:
         return
 
-    def miss(octaves: np.ndarray) -> float:
-        return _scale(few, octaves).products.miss(any_size)
+    @cache
+    def look(*octaves: float) -> float:
+        return _scale(few, np.array(octaves)).miss(any_size)
 
-    stated, none = few.products.miss(any_size), np.zeros(few.n)
+    def miss(octaves: np.ndarray) -> float:
+        return look(*octaves.tolist())
+
+    stated, none = few.miss(any_size), np.zeros(few.n)
     # Next to torques of any size one factor of all joints is asked for: motors', or turns.
     least, octaves = (stated, none) if any_size else _add_single(miss, none, stated, heard)
     if len(heard) > 1 and least > _CLEAR * stated:

@@ -35,7 +35,7 @@ def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
     read = products.resize(size)
     at = np.flatnonzero(size != 1.0)
     # A torque in which no body is seen is of any size.
-    if len(at) and np.all(loose[at] < _BODY * without[at]) and asked.rows.rivals_springs(read.fit().total):
+    if len(at) and np.all(loose[at] < _BODY * without[at]) and asked.rows.rivals_springs(read.total):
         told, codes = say_sizes(asked, at, size)
         if other is None:
             yield Reading(told, codes, tuple(at.tolist()), read, True)
@@ -50,14 +50,14 @@ def find_constants(products: Products) -> np.ndarray:
     All joints by one factor are asked for before single ones: links that may differ hide a common factor from
     each joint alone.
     """
-    heard, stated = products.heard, products.fit().total
+    heard, stated = products.heard, products.total
     most = min(_CLEAR * stated, stated - _LEAST)
     size = np.ones(products.scale.shape[-1])
     if most <= 0.0:
         return size
 
     def miss(octave: float, some: list[int]) -> float:
-        return products.resize(_at(size, some, 2.0**octave)).fit().total
+        return products.resize(_at(size, some, 2.0**octave)).total
 
     least = stated
     for some in [heard, *([j] for j in 2 * heard)]:
@@ -75,7 +75,7 @@ def find_constants(products: Products) -> np.ndarray:
     for j in np.flatnonzero(size != 1.0).tolist() if len(np.unique(size)) > 1 else []:
         if miss(0.0, [j]) < most:
             size = _at(size, [j], 1.0)
-    return size if products.resize(size).fit().total < most else np.ones(len(size))
+    return size if products.resize(size).total < most else np.ones(len(size))
 
 
 def _at(size: np.ndarray, some: list[int], one: float) -> np.ndarray:
@@ -99,9 +99,9 @@ def find_sizes(products: Products) -> np.ndarray:
     size, free = np.where(off, np.nan_to_num(factor, nan=1.0), 1.0), list(products.heard)
 
     def miss(octave: float, j: int) -> float:
-        return products.resize(_at(size, [j], size[j] * 2.0**octave)).fit().total
+        return products.resize(_at(size, [j], size[j] * 2.0**octave)).total
 
-    least = products.resize(size).fit().total
+    least = products.resize(size).total
     while free and least > _LEFT:
         total, octave, j = min((miss(octave, j), octave, j) for j in free for octave in _OCTAVES)
         if total > least - _ALIKE:

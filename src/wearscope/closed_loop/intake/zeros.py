@@ -7,10 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading
-from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
+from wearscope.closed_loop.intake.joint_fit import WORTH, Mixture, Rows, is_clearly_less
 
 #: Rows on which shifts are sought, and steps at which they are.
-_FEW = 300
+_FEW = 200
 _STEP = np.pi / 4.0
 #: Shifts of one joint that give all: torques hold sines and cosines of its position and of twice it.
 _GIVE_ALL = np.arange(5) * 2.0 * np.pi / 5.0
@@ -23,14 +23,17 @@ def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     few, shift = asked.rows.thin(_FEW), np.zeros(asked.rows.n)
     miss = _Misses(few, any_size)
     turning = [j for j in few.products.heard if not asked.slides[j]]
-    least = few.products.miss(any_size)
+    least = few.miss(any_size)
     for _ in turning:
+        ones = [np.eye(few.n)[j] for j in turning if not shift[j]]
         # A joint that was shifted for its parent's sake is turned back with it.
-        ways = [np.eye(few.n)[j] for j in turning if not shift[j]]
-        ways += [way - np.eye(few.n)[j] for way in ways for j in np.flatnonzero(shift)]
-        tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4, 0.5, -0.5)]
-        totals = [miss(shift + by * way) for way, by in tried]
-        if not totals or not is_clearly_less(min(totals), least, WORTH):
+        back = [one - np.eye(few.n)[j] for one in ones for j in np.flatnonzero(shift)]
+        for ways in (ones, back):
+            tried = [(way, k * _STEP) for way in ways for k in (1, -1, 2, -2, 3, -3, 4, 0.5, -0.5)]
+            totals = [miss(shift + by * way, int(way.argmax()) if way.sum() else None) for way, by in tried]
+            if totals and is_clearly_less(min(totals), least, WORTH):
+                break
+        else:
             break
         way, by = tried[int(np.argmin(totals))]
         shift = _refine(miss, shift + by * way)
@@ -54,22 +57,25 @@ class _Misses:
     """What rows leave with their positions shifted (n,); torques as they are or of any size."""
 
     def __init__(self, rows: Rows, any_size: bool) -> None:
-        self._rows, self._any_size, self._made = rows, any_size, dict[int, np.ndarray]()
+        self._rows, self._any_size, self._made = rows, any_size, dict[tuple[float, ...], Mixture]()
 
-    def __call__(self, shift: np.ndarray) -> float:
-        moved, rows = np.flatnonzero(shift).tolist(), replace(self._rows, q=self._rows.q + shift)
-        if len(moved) == 1:
-            away = shift[moved[0]] - _GIVE_ALL
-            weights = (1.0 + 2.0 * np.cos(away) + 2.0 * np.cos(2.0 * away)) / len(_GIVE_ALL)
-            rows = rows.with_slack(np.tensordot(weights, self._give_all(moved[0]), 1))
-        return rows.products.miss(self._any_size)
+    def __call__(self, shift: np.ndarray, joint: int | None = None) -> float:
+        """With many shifts of one joint asked for next to the same ones of others, where it is given."""
+        moved = np.flatnonzero(shift).tolist()
+        if joint is None and len(moved) != 1:
+            return self._move(shift).miss(self._any_size)
+        joint = moved[0] if joint is None else joint
+        one = np.eye(len(shift))[joint]
+        rest = shift - shift[joint] * one
+        key = (joint, *rest.tolist())
+        if key not in self._made:
+            self._made[key] = Mixture([self._move(rest + by * one) for by in _GIVE_ALL])
+        away = shift[joint] - _GIVE_ALL
+        weights = (1.0 + 2.0 * np.cos(away) + 2.0 * np.cos(2.0 * away)) / len(_GIVE_ALL)
+        return self._made[key].miss(weights, self._any_size)
 
-    def _give_all(self, joint: int) -> np.ndarray:
-        if joint not in self._made:
-            one, q = np.eye(self._rows.n)[joint], self._rows.q
-            given = [self._rows.slack, *(replace(self._rows, q=q + by * one).slack for by in _GIVE_ALL[1:])]
-            self._made[joint] = np.stack(given)
-        return self._made[joint]
+    def _move(self, shift: np.ndarray) -> Rows:
+        return replace(self._rows, q=self._rows.q + shift) if shift.any() else self._rows
 
 
 def _refine(miss: Callable[[np.ndarray], float], start: np.ndarray) -> np.ndarray:
