@@ -33,6 +33,7 @@ from wearscope.reporting.loop_words import (
     size_left,
     tell_left,
     tell_measurement,
+    tell_noise,
     tell_sizes,
     tell_unexplained,
     tell_why,
@@ -95,9 +96,9 @@ def _advise(loop: ClosedLoop) -> Markup:
         return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
-    if left := list_unexplained(loop.verdict, small=False):
-        text = Markup('Look at the <a href="#residual">residual</a> of {}: a push stands out over time, ')
-        return text.format(join_words(left)) + "a missing effect over a signal."
+    if list_unexplained(loop.verdict, small=False) or tell_noise(loop.verdict):
+        text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
+        return text + "a missing effect over a signal."
     return Markup("Keep the declared model; record another motion if you doubt it.")
 
 
