@@ -32,7 +32,6 @@ rule describe_robots:
         f"{R}/friction.parquet",
     log:
         f"{R}/logs/describe_robots.log",
-    priority: -1
     conda:
         ENV
     params:

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,7 @@ def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]
     [3.14, 123000.0, None]
     """
     shown = np.where(np.abs(values) < 1e-300, 0.0, values).tolist()
-    return [float(f"{one:.{digits}g}") if np.isfinite(one) else None for one in shown]
+    return [float(f"{one:.{digits}g}") if isfinite(one) else None for one in shown]
 
 
 @cache
