@@ -1,5 +1,6 @@
 """Which source files a script's result depends on, found by reading its imports."""
 
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -76,21 +77,21 @@ def _imports(file: Path) -> tuple[Path, ...]:
     for module, attributes, modules in IMPORT.findall(text):
         listed = [one.split()[0] for one in (attributes or modules).strip("()").split(",") if one.strip()]
         names.update(f"{module}.{one}" if module else one for one in listed)
-    return tuple({path for name in names for path in _module_files(name)})
+    return tuple(Path(file) for file in {file for name in names for file in _module_files(name)})
 
 
-def _module_files(name: str) -> list[Path]:
+def _module_files(name: str) -> list[str]:
     """Files that importing a dotted name runs: the packages on the way and the module itself."""
     first, *parts = name.split(".")
     if first != PACKAGE:
         return []
-    files, folder = [ROOT / "__init__.py"], ROOT
+    folder = str(ROOT)
+    files = [f"{folder}/__init__.py"]
     for part in parts:
-        if (folder / f"{part}.py").is_file():
-            files.append(folder / f"{part}.py")
+        folder = f"{folder}/{part}"
+        if os.path.isfile(f"{folder}.py"):
+            return [*files, f"{folder}.py"]
+        if not os.path.isfile(f"{folder}/__init__.py"):  # an attribute of the module
             break
-        folder = folder / part
-        if not (folder / "__init__.py").is_file():  # an attribute of the module
-            break
-        files.append(folder / "__init__.py")
+        files.append(f"{folder}/__init__.py")
     return files
