@@ -22,7 +22,7 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     """Positions of joints that turn by a factor, all at once or some; torques as in `read_zeros`."""
     few, turns = asked.rows.thin(_FEW), ~np.array(asked.slides)
     heard = [j for j in few.products.heard if turns[j]]
-    if not heard:
+    if not heard or not few.is_worth(0.0, any_size):
         return
 
     @cache

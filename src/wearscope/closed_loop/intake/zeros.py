@@ -21,6 +21,8 @@ _ALIKE = 1.05
 def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     """Positions of some joints that turn, shifted by a constant; torques as they are or of any size."""
     few, shift = asked.rows.thin(_FEW), np.zeros(asked.rows.n)
+    if not few.is_worth(0.0, any_size):
+        return
     miss = _Misses(few, any_size)
     turning = [j for j in few.products.heard if not asked.slides[j]]
     least = few.miss(any_size)
