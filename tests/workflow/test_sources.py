@@ -1,3 +1,6 @@
+import ast
+from pathlib import Path
+
 from wearscope import sources
 
 
@@ -47,3 +50,21 @@ def test_imports_for_type_checking_do_not_count(tmp_path):
 def test_plugin_files():
     assert sources.plugin_file("residual_energy", "detectors").is_file()
     assert sources.plugin_file("my/own.py", "detectors").as_posix() == "my/own.py"
+
+
+def test_every_file_s_imports_are_those_that_python_sees():
+    """Found by pattern, against the syntax tree: an import that is overlooked would keep an old result."""
+    files = [*sources.ROOT.rglob("*.py"), *Path("workflow/scripts").glob("*.py")]
+    assert len(files) > 300
+    for file in files:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        checked = [n for n in ast.walk(tree) if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.dump(n.test)]
+        hidden = {id(n) for branch in checked for part in branch.body for n in ast.walk(part)}
+        names = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import) and id(node) not in hidden:
+                names.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and id(node) not in hidden:
+                names.update(f"{node.module}.{alias.name}" for alias in node.names)
+        seen = {Path(one) for name in names for one in sources._module_files(name)}
+        assert set(sources._imports(file)) == seen, file
