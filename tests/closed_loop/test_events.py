@@ -11,7 +11,6 @@ from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.model import events as module
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import find_events, leave_out, suggest_thresholds, take_out_common
@@ -64,13 +63,6 @@ def test_a_push_in_every_run_is_found_where_it_is(look, at, size, width):
         assert e["size"] == pytest.approx(size, rel=0.3)
     # A push of that size is seen by a detector with the threshold.
     assert thresholds["a"]["threshold"] < 0.7 * abs(size)
-
-
-def test_what_the_filter_adds_to_a_push_is_no_part_of_its_length():
-    """Two pushes in a second, which a filter at 4 Hz joins, are no longer than an event."""
-    run = SimpleNamespace(t=np.arange(0.0, 3.0, 0.05), band=SimpleNamespace(torque=4.0))
-    assert module._find_length(run, slice(10, 44)) == pytest.approx(1.65 - 0.25)
-    assert module._find_length(run, slice(10, 13)) == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(("step", "hidden"), [(30.0, True), (3.0, False)])

@@ -88,10 +88,8 @@ def find_events(
                 for run, x, added, some in zip(runs, own, change, parts, strict=True)
             ]
         parts = [[p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)]
-        found = _stand_out(sizes, parts, classes)
-        spent = sum(_find_length(run, p) for run, some in zip(runs, found, strict=True) for p in some)
-        band = runs[0].band
-        if spent > _MOST * len(torque) * band.stride / band.rate:
+        found, outside = _stand_out(sizes, parts, classes)
+        if outside < (1.0 - _MOST) * len(torque):
             continue
         for run, x, some in zip(runs, own, _leave_places(runs, sizes, found, j), strict=True):
             for p in some:
@@ -145,8 +143,8 @@ def _stand_out(
     sizes: Sequence[np.ndarray],
     parts: Sequence[Sequence[slice]],
     classes: Sequence[Sequence[np.ndarray]],
-) -> list[list[slice]]:
-    """Stretches that stand out of the tail of their class's rows."""
+) -> tuple[list[list[slice]], int]:
+    """Stretches that stand out of the tail of their class's rows, and how many rows are in none."""
     limits = np.full(2, np.inf)
     calm = [[c.copy() for c in own] for own in classes]
     found: list[list[slice]] = []
@@ -164,13 +162,7 @@ def _stand_out(
         for own, some in zip(calm, found, strict=True):
             for p in some:
                 own[0][p] = own[1][p] = False
-    return found
-
-
-def _find_length(run: PreparedRun, part: slice) -> float:
-    """Seconds of a stretch without what the filter adds at its ends, which is half of it at most."""
-    seconds = float(run.t[part.stop - 1] - run.t[part.start])
-    return max(seconds - _REACH / run.band.torque, 0.5 * seconds)
+    return found, sum(int(c.sum()) for own in calm for c in own)
 
 
 def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
@@ -195,7 +187,7 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
     return [
         part
         for part in whole
-        if _find_length(run, part) <= _LONGEST and np.mean(speed[part] > _SLOW * top) > 0.5
+        if run.t[part.stop - 1] - run.t[part.start] <= _LONGEST and np.mean(speed[part] > _SLOW * top) > 0.5
     ]
 
 
