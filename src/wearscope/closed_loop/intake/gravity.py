@@ -39,9 +39,11 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     # Links that weigh next to nothing fit as well where friction and the drives' inertia make the torque.
     # What is stated is wrong either way, where no balancer explains what it leaves.
     wrong = is_clearly_less(read.total, rows.products.total, WORTH) and rows.is_worth(read.total)
-    light = wrong and not is_clearly_less(read.total, rows.products.any_size, DOUBTFUL)
+    seen = is_clearly_less(read.total, rows.products.any_size, DOUBTFUL)
+    light = wrong and not seen
     weight, lacks = find_missing_weight(rows)
-    shown = np.sum(lacks) > 1 and bool(np.all(lacks[weight != 0.0])) and rows.rivals_springs(read.total)
+    shown = seen and np.sum(lacks) > 1 and bool(np.all(lacks[weight != 0.0]))
+    shown = shown and rows.rivals_springs(read.total)
     told = (
         f"the torque has {what} in it{', or masses are far too large' if light else ''}; write "
         '"torque: without_gravity" in dataset.yaml, or record the motors\' whole torque.'
