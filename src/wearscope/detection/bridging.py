@@ -21,8 +21,9 @@ from wearscope.effects.base import load_effect
 def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     """Recordings without the torque of short events, and the events.
 
-    Within an event what the declared model, and all that goes with the joint's state, leave at the common
-    bandwidth is taken out; noise above it stays.
+    A push at one link is felt at others, too little to be found there. So within an event, at all joints,
+    what the declared model and all that goes with the joint's state leave at the common bandwidth is taken
+    out; noise above it stays.
     """
     joints = prepared.dataset.joints
     names = [name for name in prepared.dataset.fields.declared_effects if not name.endswith(".py")]
@@ -39,8 +40,8 @@ def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     runs = []
     for run, rest in zip(prepared.runs, left, strict=True):
         t, tau = run.signals.t, run.tau.copy()
-        for j, joint in enumerate(joints):
-            marked = mark_events(run, t, events, joint)
+        marked = np.any([mark_events(run, t, events, joint) for joint in joints], axis=0)
+        for j in range(len(joints)):
             tau[marked, j] -= np.interp(t[marked], run.t, rest[:, j])
         runs.append(replace(run, tau=tau))
     return replace(prepared, runs=runs), events

@@ -1,6 +1,7 @@
 """Tables of a detection: thresholds by cell, recordings judged, simulated runs."""
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,21 +13,19 @@ from wearscope import tables
 from wearscope.detection.panel import Cell
 from wearscope.detection.run import COMPARED, JUDGED, NOMINAL, OK, UNWORN, WORN, Asked, Setting, Tested
 from wearscope.detection.thresholds import (
+    Scatter,
     WearScale,
-    adjust_p_values,
     compare_scatter,
     find_detected_wear,
     find_p_value,
     find_threshold,
     least_runs,
+    measure_distances,
+    widen,
 )
 
-#: p-value, over all cells of a data set, below which the simulator's scatter is not the machine's.
-UNLIKE = 0.05
 #: What a recording is found to be.
 ALARM, QUIET, UNCHECKED, WITHHELD, FAILED = "alarm", "no alarm", "unchecked", "withheld", "failed"
-#: Whose scatter the simulated one is.
-ALIKE, NOT_ALIKE, NOT_KNOWN = "the machine's", "not the machine's", "not known"
 TABLES = ("detection", "thresholds", "simulated")
 
 
@@ -39,16 +38,18 @@ class Detection:
     detection : DataFrame
         One row a recording, joint and detector: `motion`, `joint`, `fda`, `run`, `session`, `kind`
         (``nominal`` or ``judged``), `y`, `unit`, `status`, `threshold`, `p_value` (share of simulated runs
-        without wear that give as much), `p_machine` (of the nominal recordings), `verdict`, and `wear` with
-        `wear_low`, `wear_high` (95 %): of which wear such a value speaks. Verdicts: ``alarm``; ``no alarm``;
-        ``unchecked``, above a threshold of which too few nominal recordings say whether it holds on the
-        machine; ``withheld``, where there is none or the simulator's scatter is not the machine's;
-        ``failed``.
+        without wear, widened, that give as much), `p_machine` (of the nominal recordings), `verdict`, and
+        `wear` with `wear_low`, `wear_high` (95 %): of which wear such a value speaks. Verdicts: ``alarm``;
+        ``no alarm``;
+        ``unchecked``, above a threshold that too few nominal sessions have widened to the machine's scatter;
+        ``withheld``, where there is no threshold; ``failed``.
     thresholds : DataFrame
         One row a motion, joint and detector: `unit`, `threshold`, `p_f`, `p_f_low`, `p_f_high` (95 % of the
         false-alarm rates that this threshold may have on simulated runs), `runs`, `wear_detected` (smallest
-        from which on a share p_d is detected), `nominal_runs`, `nominal_above`, `scatter_ratio`, `scatter_p`,
-        `scatter_p_adjusted`, `scatter`, `reason` (why there is no threshold; else empty).
+        from which on a share p_d is detected), `nominal_runs`, `nominal_above`, `scatter_ratio` (of the
+        machine's nominal values to the simulated ones, over all motions), `widening` (of the simulated
+        values, for the threshold; NaN where too few sessions are nominal), `reason` (why there is no
+        threshold; else empty).
     simulated : DataFrame
         One row a simulated run, joint and detector: `kind` (``simulated``, ``simulated_worn``, ``compared``),
         `run`, `wear`, `temperature_change` [K], `payload_error` [%], `y`, `status`.
@@ -83,16 +84,12 @@ class Detection:
 def judge_recordings(tested: Tested, setting: Setting) -> Detection:
     """Threshold, meaning and scatter of every test quantity."""
     values = _collect(tested.asked)
+    scatters = {cell: _find_scatter(cell, values, setting.p_f) for _, cell in values}
     thresholds, readings = [], {}
     for (motion, cell), kinds in values.items():
-        row, readings[motion, cell] = _judge_cell(motion, cell, kinds, tested, setting)
+        row, readings[motion, cell] = _judge_cell(motion, cell, kinds, scatters[cell], tested, setting)
         thresholds.append(row)
     table = pd.DataFrame(thresholds)
-    table["scatter_p_adjusted"] = adjust_p_values(table["scatter_p"].to_numpy(dtype=float))
-    known = table["scatter_p_adjusted"].notna()
-    table["scatter"] = np.where(
-        known, np.where(table["scatter_p_adjusted"] < UNLIKE, NOT_ALIKE, ALIKE), NOT_KNOWN
-    )
     detection = _tabulate_measured(tested, table, readings)
     return Detection(detection, table, _tabulate_simulated(tested), _summarise(tested, setting, detection))
 
@@ -109,14 +106,26 @@ def _collect(asked: list[Asked]) -> dict[tuple[str, Cell], dict[str, list[tuple[
     return values
 
 
-def _column(kinds: dict[str, list[tuple[float, Asked]]], kind: str) -> np.ndarray:
+def _column(kinds: Mapping[str, list[tuple[float, Asked]]], kind: str) -> np.ndarray:
     return np.array([y for y, _ in kinds.get(kind, [])])
+
+
+def _find_scatter(cell: Cell, values: Mapping[tuple[str, Cell], Mapping[str, Any]], p_f: float) -> Scatter:
+    """How the nominal values of a joint and detector scatter, over all motions."""
+    of_cell = [kinds for (_, own), kinds in values.items() if own == cell]
+    nominal = [each for kinds in of_cell for each in kinds.get(NOMINAL, [])]
+    distances = [
+        measure_distances(_column(kinds, NOMINAL), _column(kinds, COMPARED if COMPARED in kinds else UNWORN))
+        for kinds in of_cell
+    ]
+    return compare_scatter(np.concatenate(distances), count_sessions(nominal), p_f)
 
 
 def _judge_cell(
     motion: str,
     cell: Cell,
-    kinds: dict[str, list[tuple[float, Asked]]],
+    kinds: Mapping[str, list[tuple[float, Asked]]],
+    scatter: Scatter,
     tested: Tested,
     setting: Setting,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -128,31 +137,37 @@ def _judge_cell(
         "motion": motion, "joint": joint, "fda": fda, "unit": tested.units.get(cell, ""),
         "threshold": np.nan, "p_f": setting.p_f, "p_f_low": np.nan, "p_f_high": np.nan, "runs": len(unworn),
         "wear_detected": np.nan, "nominal_runs": len(nominal), "nominal_above": 0,
-        "scatter_ratio": np.nan, "scatter_p": np.nan, "reason": "",
+        "scatter_ratio": np.nan, "widening": np.nan, "reason": "",
     }  # fmt: skip
     reading: dict[str, Any] = {"unworn": unworn, "nominal": nominal}
     if len(unworn) < least_runs(setting.p_f):
         row["reason"] = _say_failure(motion, cell, tested.asked)
         return row, reading
+    unworn = reading["unworn"] = widen(unworn, np.median(unworn), scatter.widening)
     threshold = find_threshold(unworn, setting.p_f)
     row |= {
         "threshold": threshold.value,
         "p_f_low": threshold.rate_low,
         "p_f_high": threshold.rate_high,
         "nominal_above": int(np.sum(nominal >= threshold.value)),
+        "scatter_ratio": scatter.ratio,
+        "widening": scatter.widening,
     }
-    compared = _column(kinds, COMPARED) if COMPARED in kinds else unworn
-    scatter = compare_scatter(nominal, compared)
-    row["scatter_ratio"], row["scatter_p"] = scatter.ratio, scatter.p_value
     worn = kinds.get(WORN, [])
     if len(worn) > 10:
         wear = np.array([one.draw.wear[j] for _, one in worn if one.draw is not None])
         y = _column(kinds, WORN)
+        every = np.concatenate([np.zeros(len(unworn)), wear]), np.concatenate([_column(kinds, UNWORN), y])
+        scale = reading["scale"] = WearScale(*every, np.nan_to_num(scatter.widening, nan=1.0))
+        y = widen(y, np.interp(wear, scale.grid, scale.mean), scatter.widening)
         row["wear_detected"] = find_detected_wear(wear, y, threshold.value, setting.p_d)
-        reading["scale"] = WearScale(
-            np.concatenate([np.zeros(len(unworn)), wear]), np.concatenate([unworn, y])
-        )
     return row, reading
+
+
+def count_sessions(nominal: Sequence[tuple[float, Asked]]) -> int:
+    """Independent nominal values: of sessions, where several are named, else of recordings."""
+    sessions = {one.session for _, one in nominal if one.session is not None}
+    return len(sessions) if len(sessions) > 1 else len(nominal)
 
 
 def _say_failure(motion: str, cell: Cell, asked: list[Asked]) -> str:
@@ -222,11 +237,11 @@ def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:
     """What a value is: see `Detection.detection`."""
     if status != OK:
         return FAILED
-    if not np.isfinite(row["threshold"]) or row["scatter"] == NOT_ALIKE:
+    if not np.isfinite(row["threshold"]):
         return WITHHELD
     if y < row["threshold"]:
         return QUIET
-    return UNCHECKED if row["scatter"] == NOT_KNOWN else ALARM
+    return UNCHECKED if np.isnan(row["widening"]) else ALARM
 
 
 def _tabulate_simulated(tested: Tested) -> pd.DataFrame:

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from statsmodels.stats.multitest import multipletests
 
 from wearscope.detectors.base import Array
 from wearscope.errors import InputError
 
 #: Places of the wear at which its probability is evaluated.
 _GRID = 401
-#: Fewest values of machine and simulator whose scatter is compared.
+#: Fewest sessions of nominal recordings from which the machine's scatter is taken.
 LEAST_NOMINAL = 3
 
 
@@ -105,9 +104,11 @@ class WearScale:
     Parameters
     ----------
     wear, y : ndarray (n,)
+    widening : float
+        Factor by which the machine scatters more.
     """
 
-    def __init__(self, wear: Array, y: Array) -> None:
+    def __init__(self, wear: Array, y: Array, widening: float = 1.0) -> None:
         self.top = float(wear.max())
         self.grid = np.linspace(0.0, self.top, _GRID)
         mean = np.polynomial.Polynomial.fit(wear, y, 3)
@@ -116,7 +117,7 @@ class WearScale:
         # Half-normal: the standard deviation is sqrt(pi / 2) mean magnitudes.
         least = max(0.1 * float(away.mean()), 1e-12 * float(np.abs(y).max()), 1e-300)
         self.mean = mean(self.grid)
-        self.deviation = np.sqrt(np.pi / 2) * np.maximum(spread(self.grid), least)
+        self.deviation = widening * np.sqrt(np.pi / 2) * np.maximum(spread(self.grid), least)
 
     def read(self, value: float, level: float = 0.95) -> tuple[float, float, float]:
         """Median and central interval of the wear that gives a value.
@@ -132,41 +133,52 @@ class WearScale:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Nominal test quantities of the machine next to the simulator's.
+    """How the machine's nominal test quantities scatter, next to the simulator's.
 
     Attributes
     ----------
     ratio : float
-        Mean distance of the machine's values from the simulator's median, over that of the simulator's.
-    p_value : float
-        That both are drawn alike; NaN with fewer than `LEAST_NOMINAL` values.
+        Root mean square distance of the machine's values from the simulator's median, over that of the
+        simulator's own.
+    widening : float
+        Factor by which simulated values are drawn away from their median so that they scatter as the
+        machine's do; NaN where fewer than `LEAST_NOMINAL` of these are independent.
     """
 
     ratio: float
-    p_value: float
+    widening: float
 
 
-def compare_scatter(machine: Array, simulated: Array) -> Scatter:
-    """Compare nominal test quantities of machine (m,) and simulator (n,).
-
-    Distances from the median of all values are compared by their ranks (Mann and Whitney, Ann. Math. Statist.
-    18, 1947): an offset shows in them as well as a larger or a smaller scatter.
-    """
+def measure_distances(machine: Array, simulated: Array) -> Array:
+    """Distances of the machine's values (m,) from the simulated median, over the simulated ones (RMS)."""
     if not len(machine) or not len(simulated):
-        return Scatter(float("nan"), float("nan"))
-    middle = float(np.median(simulated))
-    usual = float(np.mean(np.abs(simulated - middle)))
-    ratio = float(np.mean(np.abs(machine - middle))) / usual if usual > 0 else float("nan")
-    if len(machine) < LEAST_NOMINAL:
+        return np.zeros(0)
+    away = simulated - np.median(simulated)
+    usual = float(np.sqrt(np.mean(away**2)))
+    return (machine - np.median(simulated)) / usual if usual > 0 else np.full(len(machine), np.nan)
+
+
+def compare_scatter(distances: Array, independent: int, p_f: float) -> Scatter:
+    """How the machine's nominal test quantities scatter, from their distances.
+
+    The widening is the ratio, but at least one, times the quantile 1 - `p_f` of Student's t over the normal
+    one: a scatter known from few sessions predicts the next value with that much less certainty.
+
+    Parameters
+    ----------
+    distances : ndarray (m,)
+        Of `measure_distances`, over all motions.
+    independent : int
+        Number of them that are independent: the sessions they were recorded in.
+    p_f : float
+    """
+    ratio = float(np.sqrt(np.mean(distances**2))) if len(distances) else float("nan")
+    if independent < LEAST_NOMINAL or not np.isfinite(ratio):
         return Scatter(ratio, float("nan"))
-    centre = np.median(np.concatenate([machine, simulated]))
-    p = stats.mannwhitneyu(np.abs(machine - centre), np.abs(simulated - centre)).pvalue
-    return Scatter(ratio, float(p))
+    unsure = float(stats.t.isf(p_f, independent) / stats.norm.isf(p_f)) if p_f < 0.5 else 1.0
+    return Scatter(ratio, max(ratio, 1.0) * unsure)
 
 
-def adjust_p_values(p: Array) -> Array:
-    """Adjusted p-values (k,) by Holm (Scand. J. Statist. 6, 1979); NaN stays."""
-    known = np.isfinite(p)
-    adjusted = np.full(len(p), np.nan)
-    adjusted[known] = multipletests(p[known], method="holm")[1]
-    return adjusted
+def widen(values: Array, middle: Array | float, widening: float) -> Array:
+    """Values drawn away from their middle; as they are where the widening is not known."""
+    return values if np.isnan(widening) else middle + widening * (values - middle)

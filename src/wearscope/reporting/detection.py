@@ -20,8 +20,8 @@ FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_erro
 WARMER = 1.0
 #: Verdicts that are no answer, and why.
 _OPEN = {
-    "withheld": "Withheld, as the simulator's scatter is not the machine's or there is no threshold",
-    "unchecked": "Above the threshold, but too few nominal recordings check it",
+    "withheld": "No threshold",
+    "unchecked": "Above the threshold, but too few nominal sessions tell how the machine scatters",
 }
 
 
@@ -73,16 +73,16 @@ def detection_strip(found: Detections) -> Strip:
         by = join_words(sorted(own["fda"].unique()))
         answer = f"Alarm in {alarms} of {many}, at {where}, by {by}."
     rate = found.summary["setting"]["p_f"]
-    sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs along the same motion."
+    sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs that scatter as the machine."
     if not decided:
-        sure = "No verdict: the simulated thresholds are not shown to hold on this machine."
+        sure = "No verdict: no threshold is shown to hold on this machine."
     caveat, kind = "A threshold holds along its own motion only.", "good"
     if decided < count:
         caveat, kind = "Some detectors could not be fitted or have no threshold.", "unsure"
     if withheld or runs.get("unchecked"):
-        caveat, kind = "Too few nominal recordings check the threshold; record three or more.", "unsure"
+        caveat, kind = "Too few nominal sessions tell how the machine scatters; record three.", "unsure"
     if withheld:
-        caveat = f"Withheld in {count_text(withheld, 'recording')}: the simulator scatters differently."
+        caveat = f"Withheld in {count_text(withheld, 'recording')}: some detectors have no threshold."
     action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
     return Strip(answer, "bad" if alarms else kind, sure, caveat, action)
 
@@ -146,29 +146,24 @@ def _tell_rest(rows: pd.DataFrame) -> str:
 
 
 def tell_scatter(found: Detections) -> list[str]:
-    """Whether the simulator's scatter is the machine's, in words."""
+    """How the machine scatters next to the simulator, in words."""
     table = found.thresholds[found.thresholds["reason"] == ""]
-    unlike = table[table["scatter"] == "not the machine's"]
-    alike, unknown = (int((table["scatter"] == one).sum()) for one in ("the machine's", "not known"))
-    cells = [count_text(n, "cell") for n in (len(table) - unknown, alike, unknown)]
+    known = table[np.isfinite(table["widening"].astype(float))]
+    wide, cells = known[known["scatter_ratio"] > 1.0], count_text(len(known), "cell")
     sentences = []
-    if len(unlike):
-        worst = unlike.sort_values("scatter_ratio").iloc[-1]
+    if len(wide):
+        worst = wide.sort_values("scatter_ratio").iloc[-1]
         sentences.append(
-            f"In {len(unlike)} of {cells[0]} (motion, joint and detector) the nominal "
-            f"recordings do not lie where the simulated runs do, most at {worst['joint']} with "
-            f"{worst['fda']}: {format_number(worst['scatter_ratio'], 2)} times as far from the simulated "
-            "median. There the threshold's false-alarm rate is not the machine's, and no alarm is given."
+            f"In {len(wide)} of {cells} (motion, joint and detector) nominal recordings scatter more than "
+            f"the simulated runs, most at {worst['joint']} with {worst['fda']}: "
+            f"{format_number(worst['scatter_ratio'], 2)} times. The thresholds are widened by that."
         )
-    if alike:
+    elif len(known):
+        sentences.append(f"In no cell of {len(known)} do the nominal recordings scatter more than simulated.")
+    if len(known) < len(table):
         sentences.append(
-            f"In {cells[1]} (motion, joint and detector) the nominal recordings lie where the simulated runs "
-            "do."
-        )
-    if unknown:
-        sentences.append(
-            f"In {cells[2]} there are fewer than 3 nominal recordings: whether the "
-            "threshold holds on the machine is not known. Record the motion again, healthy."
+            f"In {count_text(len(table) - len(known), 'cell')} there are fewer than 3 nominal sessions: how "
+            "the machine scatters is not known. Record the motion again, healthy."
         )
     return sentences
 

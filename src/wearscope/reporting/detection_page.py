@@ -200,11 +200,12 @@ def _thresholds(found: Detections) -> Markup:
     caption = (
         "Threshold: a simulated run without wear exceeds it at most at the false-alarm rate. Wear detected "
         f"from: smallest wear of which {p_d:g} % of simulated runs exceed it; n/a where there is none. "
-        "Scatter: whether nominal recordings lie where simulated runs lie."
+        "Scatter: of the nominal recordings, over that of the simulated runs, which are widened for the "
+        "threshold."
     )
     columns = "motion; joint; fda|detector; threshold; p_f|false-alarm rate (95 %); "
     columns += "wear_detected|wear detected from; nominal_runs|nominal recordings; "
-    columns += "nominal_above|of them above; scatter|the simulated scatter is"
+    columns += "nominal_above|of them above; scatter_ratio|scatter; widening|widened by"
     return _fold(records, caption, "All thresholds", columns)
 
 
