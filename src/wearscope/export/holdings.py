@@ -38,8 +38,9 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
-#: Highest frequency of a gear with the inertia on its two sides [rad/s]: together, those of eight joints stay
-#: below the 2000 rad/s that a step of 1 ms takes.
+#: Highest frequency of a gear with the inertia on its two sides, and of a joint's inertia on the bristles of
+#: its friction where the model knows no displacement [rad/s]: together, those of eight joints stay below the
+#: 2000 rad/s that a step of 1 ms takes.
 FASTEST = 700.0
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3

@@ -10,13 +10,10 @@ import mujoco
 import numpy as np
 from scipy.optimize import nnls
 
-from wearscope.export.holdings import Holdings
+from wearscope.export.holdings import FASTEST, Holdings
 
 #: Speeds of the falls that a sum is made of, over the fall's own; weights below a share of all are left out.
 _SPEEDS, _LEAST = 2.0 ** np.arange(-5.0, 3.1, 0.5), 0.01
-#: Frequency of the joint's inertia on the bristles where the model knows no displacement [rad/s]: as stiff as
-#: a step of 1 ms takes.
-_STIFF = 300.0
 #: Share of a fall's level that is left in fast motion where the joint has no Coulomb friction: the law needs
 #: some.
 _FLOOR = 0.01
@@ -67,7 +64,7 @@ def add_passive_motors(spec: mujoco.MjSpec, name: str, held: Holdings, j: int) -
     inertia = float(held.armature[j]) + float(held.body.mass_matrix(np.zeros(len(held.friction)))[j, j])
     levels = [max(level * share / whole, _FLOOR * fall) for share, fall, _ in parts]
     at_rest = sum(levels) + sum(fall for _, fall, _ in parts)
-    displacement = presliding[0][1] if presliding else at_rest / (inertia * _STIFF**2)
+    displacement = presliding[0][1] if presliding else at_rest / (inertia * FASTEST**2)
     ratio = 0.0 if presliding else _DAMPING
     for k, (coulomb, (_, fall, speed)) in enumerate(zip(levels, parts, strict=True)):
         stiffness = (coulomb + fall) / displacement
