@@ -1,4 +1,4 @@
-"""A finished study in one file: packed, verified, unpacked, restored, compared with another.
+"""A finished study in one file: packed, verified, unpacked, restored.
 
 The file is an uncompressed tar (Parquet and PNG are compressed already). Its first member,
 ``MANIFEST.json``, holds the configuration, the versions of code and packages, and size and SHA-256 of every
@@ -8,7 +8,6 @@ RO-Crate, ``config.yaml`` is the configuration. Equal content gives equal bytes.
     python -m wearscope.archive verify FILE
     python -m wearscope.archive unpack FILE FOLDER
     python -m wearscope.archive restore FILE
-    python -m wearscope.archive compare A B
 """
 
 import argparse
@@ -26,12 +25,11 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-import pandas as pd
 import yaml
 
 from wearscope import limits
 from wearscope.archives.code import read_settings, refuse_code
-from wearscope.archives.comparison import compare_archives, list_results
+from wearscope.archives.comparison import list_results
 from wearscope.archives.crate import describe_crate
 from wearscope.archives.manifest import (
     CHECKSUM,
@@ -50,15 +48,12 @@ from wearscope.archives.manifest import (
 from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
 from wearscope.checksums import record_checksums
 from wearscope.config import drop_retired
-from wearscope.errors import InputError, escape_text
+from wearscope.errors import InputError
 from wearscope.files import check_plain, digest_file, explain_unwritten, write_new, write_text, write_whole
 from wearscope.processes import end_process
 from wearscope.provenance import describe_provenance
 
-__all__ = [
-    "compare_archives", "list_results", "main", "pack_study", "restore_archive", "unpack_archive",
-    "walk_archive",
-]  # fmt: skip
+__all__ = ["list_results", "main", "pack_study", "restore_archive", "unpack_archive", "walk_archive"]
 
 
 def pack_study(
@@ -282,7 +277,7 @@ def _newest(files: list[Path]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; 1 where a comparison finds a difference or the input is bad."""
+    """Command line; 1 where the input is bad."""
     parser = argparse.ArgumentParser(prog="python -m wearscope.archive", description="Archives of studies.")
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("verify", help="check every checksum").add_argument("file")
@@ -293,13 +288,8 @@ def main(arguments: list[str] | None = None) -> int:
     restore.add_argument("file")
     restore.add_argument("root", nargs="?", default=".", help="a clone of the repository, by default here")
     restore.add_argument("--allow-code", action="store_true", help="keep what its configuration lets run")
-    compare = commands.add_parser("compare", help="compare two archives or result folders")
-    compare.add_argument("a")
-    compare.add_argument("b")
     given = parser.parse_args(arguments)
     try:
-        if given.command == "compare":
-            return _tell_comparison(compare_archives(given.a, given.b))
         if given.command == "restore":
             restored = restore_archive(given.file, given.root, given.allow_code)
             _tell_restored(given.file, *restored)
@@ -314,16 +304,6 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{given.file}: study {manifest.study}, {len(manifest.files)} files, every checksum holds")
     _tell_left_out(manifest)
     return 0
-
-
-def _tell_comparison(rows: pd.DataFrame) -> int:
-    rows = rows.map(lambda text: escape_text(str(text)))
-    print(rows.to_string(index=False) if len(rows) else "nothing to compare")
-    differ = rows["outcome"].isin(["differs", "only in a", "only in b"])
-    conclusions = rows.loc[rows["what"] == "conclusion", "item"]
-    told = f"{len(conclusions)} conclusions differ: {'; '.join(conclusions)}"
-    print(told if len(conclusions) else "no conclusion differs")
-    return int(differ.any())
 
 
 def _tell_left_out(manifest: Manifest) -> None:

@@ -48,12 +48,6 @@ def test_help_comes_at_once():
     assert time.perf_counter() - start < 5.0
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_the_command(shell):
-    outcome = call("completion", shell)
-    assert outcome.exit_code == 0 and "_WEARSCOPE_COMPLETE" in outcome.output
-
-
 def test_words_are_completed(monkeypatch):
     monkeypatch.setenv("_WEARSCOPE_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", "wearscope new d")

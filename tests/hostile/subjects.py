@@ -139,7 +139,7 @@ SUBJECTS = {
 #: Commands that start the workflow, which takes seconds.
 STARTING = ("diagnose", "track", "detect", "run", "reevaluate", "export")
 #: Commands that read no file.
-FILELESS = ("completion", "demo", "new cycle", "new detector", "new effect", "new example")
+FILELESS = ("demo", "new cycle", "new detector", "new effect", "new example")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from archive_making import CODE, make_study, pack
 from rocrate.rocrate import ROCrate
 
 from wearscope import archive, tables
+from wearscope.archives.comparison import Content, compare_contents
 from wearscope.config import drop_retired, load_config
 from wearscope.errors import InputError
 
@@ -36,7 +37,7 @@ def test_unpacked_is_what_was_packed(tmp_path):
         assert (tmp_path / "out" / file).read_bytes() == (tmp_path / "a" / file).read_bytes()
     with pytest.raises(InputError, match="is not empty"):
         archive.unpack_archive(path, tmp_path / "out")
-    rows = archive.compare_archives(path, tmp_path / "out")
+    rows = compare(path, tmp_path / "out")
     assert list(rows["outcome"]) == ["same bytes"]
 
 
@@ -48,22 +49,18 @@ def test_missing_file_is_not_packed(tmp_path):
     assert not (tmp_path / "a.tar").exists()
 
 
-def test_comparison_names_what_differs(tmp_path, capsys):
+def test_comparison_names_what_differs(tmp_path):
     a = pack(tmp_path, "a")
     b = pack(tmp_path, "b", shift=0.5, config={"study": "tiny", "seed": 1})
-    rows = archive.compare_archives(a, b).set_index("item")
+    rows = compare(a, b).set_index("item")
     assert rows.loc["seed", "detail"] == "0 against 1"
     assert rows.loc["test_quantities.parquet", "outcome"] == "differs"
     assert rows.loc["test_quantities.parquet", "detail"] == "y: 1 of 3 rows, largest difference 0.5 (20 %)"
     assert "logs/a.log" not in rows.index
-    assert archive.main(["compare", str(a), str(b)]) == 1
-    assert "largest difference 0.5" in capsys.readouterr().out
-    assert archive.main(["compare", str(a), str(a)]) == 0
-    out = capsys.readouterr().out
-    assert "no conclusion differs" in out
+    assert set(compare(a, a)["outcome"]) == {"same bytes"}
 
 
-def test_comparison_says_which_conclusions_differ(tmp_path, capsys):
+def test_comparison_says_which_conclusions_differ(tmp_path):
     loop = {"joints": {"axis_1": {}, "axis_2": {}}, "verdict": []}
     named = {**loop, "verdict": [{"joint": "axis_2", "effect": "backlash"}]}
     for name, verdict, rank, content in (("a", "agrees", 1, loop), ("b", "undecided", 2, named)):
@@ -74,15 +71,13 @@ def test_comparison_says_which_conclusions_differ(tmp_path, capsys):
         ranking = {"fda": ["A"], "rank": [rank], "rank_low": [1], "rank_high": [2]}
         tables.write_table(folder / "ranking.parquet", pd.DataFrame(ranking))
         tables.write_text(folder / "closed_loop" / "twin" / "verdict.json", json.dumps(content))
-    rows = archive.compare_archives(tmp_path / "a", tmp_path / "b")
+    rows = compare(tmp_path / "a", tmp_path / "b")
     rows = rows[rows["what"] == "conclusion"].set_index("item")["detail"]
     assert rows.to_dict() == {
         "findings: Q-1, wear": "agrees against undecided",
         "ranking: A": "rank 1 (1 to 2) against rank 2 (1 to 2)",
         "closed_loop/twin: axis_2": "nothing named against backlash",
     }
-    assert archive.main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 1
-    assert "3 conclusions differ: findings: Q-1, wear; " in capsys.readouterr().out
 
 
 def test_crate_is_read_by_its_library_and_has_every_checksum(tmp_path):
@@ -142,7 +137,7 @@ def test_archive_of_a_release_opens(tmp_path, capsys, version, form, commit):
     folder = tmp_path / "results" / "tiny"
     snr = tables.read_table(folder / "snr.parquet")
     assert len(snr) == 2 and snr["snr_exact"].notna().all()
-    assert "no conclusion differs" in run_compare(release, folder, capsys)
+    assert "conclusion" not in set(compare(release, folder)["what"])
     # Nothing is older than what it was made of, and the configuration is one that is accepted.
     assert len({file.stat().st_mtime_ns for file in folder.rglob("*")}) == 1
     config = yaml.safe_load((folder / "config.yaml").read_text())
@@ -156,9 +151,8 @@ def holds(new, old):
     return new == old
 
 
-def run_compare(a, b, capsys):
-    archive.main(["compare", str(a), str(b)])
-    return capsys.readouterr().out
+def compare(a, b):
+    return compare_contents(Content(a), Content(b))
 
 
 def test_restored_study_has_checksums_and_no_second_restoring(tmp_path):

@@ -53,14 +53,14 @@ def list_results(folder: str | Path) -> list[Path]:
     return found
 
 
-def compare_archives(
-    a: str | Path, b: str | Path, name_detector: Callable[[str, str], str] = lambda code, use: code
+def compare_contents(
+    left: "Content", right: "Content", name_detector: Callable[[str, str], str] = lambda code, use: code
 ) -> pd.DataFrame:
-    """Compare two studies; each may be an archive or a folder of results.
+    """Compare two studies.
 
     Parameters
     ----------
-    a, b : path-like
+    left, right : Content
     name_detector : callable
         What conclusions call a detector, of its code and what it uses.
 
@@ -72,13 +72,6 @@ def compare_archives(
         (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and
         timings are left out.
     """
-    return compare_contents(Content(a), Content(b), name_detector)
-
-
-def compare_contents(
-    left: "Content", right: "Content", name_detector: Callable[[str, str], str] = lambda code, use: code
-) -> pd.DataFrame:
-    """As `compare_archives`, of what was opened."""
     rows = []
     for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
         one, other = left.describe(key), right.describe(key)

@@ -31,7 +31,6 @@ COMMANDS = {
     "compare": "compare:compare",
     "history": "history:history",
     "demo": "demo:demo",
-    "completion": "completion:completion",
 }
 
 

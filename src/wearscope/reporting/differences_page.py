@@ -39,7 +39,7 @@ def render_study_differences(
     rankings : tuple of DataFrame
         ``ranking.parquet`` of each; empty where there is none.
     differences : DataFrame
-        As `wearscope.archives.comparison.compare_archives` returns it.
+        As `wearscope.archives.comparison.compare_contents` returns it.
     answers : tuple of str
         What each page answers; empty where there is none.
     """
