@@ -1,10 +1,10 @@
 """What a chart of a page is: an Altair specification, the page's tables that it draws, and its choices."""
 
 import base64
-import gzip
 import hashlib
 import json
 import os
+import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -121,7 +121,8 @@ def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
             codes, values = pd.factorize(column.astype(str), sort=True)
             columns[str(name)] = {"codes": codes.tolist(), "values": [str(value) for value in values]}
     text = json.dumps({"columns": columns}, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
+    # What `gzip.compress` writes of the system into its header goes with the version of Python.
+    return base64.b64encode(zlib.compress(text.encode(), 9, wbits=31)).decode("ascii")
 
 
 def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]:
