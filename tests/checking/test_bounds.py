@@ -358,6 +358,9 @@ def test_a_full_disk_of_a_log_is_named(tmp_path, monkeypatch):
 
         close = flush
 
+        def __del__(self):
+            """Python 3.13 tells what closing an object that is no more raises."""
+
     monkeypatch.setattr(workflow, "open_new", lambda path: Full())
     monkeypatch.setattr(os.path, "ismount", lambda place: Path(place) == tmp_path)
     with pytest.raises(InputError, match=f"a.log: the disk at {tmp_path} is full"):

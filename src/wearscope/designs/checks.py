@@ -164,11 +164,11 @@ def check_estimable(
     )
 
 
-def _name_some(terms: Sequence[str], most: int = 3) -> str:
+def _name_some(terms: Sequence[str]) -> str:
     if not terms:
         return "nothing (it is always 0)"
-    rest = f" and {len(terms) - most} more" if len(terms) > most else ""
-    return " and ".join(terms[:most]) + rest
+    rest = f" and {len(terms) - 3} more" if len(terms) > 3 else ""
+    return " and ".join(terms[:3]) + rest
 
 
 def check_design(

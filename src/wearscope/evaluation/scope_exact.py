@@ -76,7 +76,7 @@ def spread(quadratic: ArrayLike) -> Array:
     return np.hypot(quadratic[..., 1], np.sqrt(2.0) * quadratic[..., 2])
 
 
-def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 200) -> Array:
+def threshold(quadratic: ArrayLike, probability: ArrayLike) -> Array:
     """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
 
     The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
@@ -86,8 +86,6 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 20
     ----------
     quadratic : array (..., 3)
     probability : float or array (...,)
-    iterations : int
-        Upper bound; it stops when no bracket shrinks further.
 
     Returns
     -------
@@ -107,7 +105,7 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike, iterations: int = 20
     asked = np.broadcast_to(shifted, (*shape, 3)).reshape(-1, 3)
     wanted, low, high = (np.broadcast_to(one, shape).ravel() for one in (wanted, low, high))
     found, where = high.copy(), np.arange(high.size)
-    for _ in range(iterations):
+    for _ in range(200):  # next to 0, numbers go on for longer
         middle = 0.5 * (low + high)
         shrinks = (middle > low) & (middle < high)
         left = np.count_nonzero(shrinks)

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 KINDS = (QUADRATIC, POLYNOMIAL_CHAOS, GAUSSIAN_PROCESS, BENT_GAUSSIAN_PROCESS)
 CONSTANT = "constant"
 CHOSEN = "chosen"
+#: Cross-validated fit [%] above which neither polynomial chaos nor a bent process is tried.
+ENOUGH = 98.0
 #: Fit [%] by which a polynomial must be better than a Gaussian process to be taken.
 MARGIN = 1.0
 #: On the lines that the scope asks about at most so many factors are off nominal: the fault and a nuisance.
@@ -128,7 +130,6 @@ def choose_surrogate(
     names: Sequence[str],
     nominal: Mapping[str, float],
     kinds: Sequence[str] = KINDS,
-    enough: float = 98.0,
 ) -> tuple[ChosenSurrogate, dict[str, float]]:
     """Surrogate of the best cross-validated fit; a Gaussian process where it is less than `MARGIN` behind.
 
@@ -143,8 +144,6 @@ def choose_surrogate(
         Coded nominal levels; the factor of the shortest length may be bent at its own.
     kinds : sequence of str
         Those of `KINDS` that are tried.
-    enough : float
-        Cross-validated fit [%] above which neither polynomial chaos nor a bent process is tried.
 
     Returns
     -------
@@ -170,9 +169,9 @@ def choose_surrogate(
         consider(fit_quadratic(z, y, names))
     process = fit_gaussian_process(z, y, noise) if GAUSSIAN_PROCESS in kinds else None
     consider(process)
-    if POLYNOMIAL_CHAOS in kinds and max(fits.values(), default=-np.inf) < enough:
+    if POLYNOMIAL_CHAOS in kinds and max(fits.values(), default=-np.inf) < ENOUGH:
         consider(fit_polynomial_chaos(z, y, max((merit for merit, _ in tried), default=-np.inf)))
-    if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < enough:
+    if process is not None and BENT_GAUSSIAN_PROCESS in kinds and max(fits.values()) < ENOUGH:
         column = int(np.argmin(process.parameters["log_lengths"]))
         for shape in SHAPES:
             consider(fit_gaussian_process(z, y, noise, column, nominal[names[column]], shape, process))
@@ -197,14 +196,14 @@ def is_asked(z: ArrayLike, nominal: Sequence[float]) -> NDArray[np.bool_]:
     return off.sum(axis=1) <= OFF
 
 
-def calibrate_spread(fitted: FittedSurrogate, y: Array, level: float = 0.95) -> float:
-    """Factor on the standard deviations that brings `level` of the left-out values into their intervals.
+def calibrate_spread(fitted: FittedSurrogate, y: Array) -> float:
+    """Factor on the standard deviations that brings 95 % of the left-out values into their intervals.
 
     The split-conformal quantile of |y - left out| / deviation over that of a normal distribution.
     """
     ratio = np.sort(np.abs(y - fitted.left_out) / fitted.left_out_deviation)
-    place = min(int(np.ceil(level * (len(ratio) + 1))), len(ratio))
-    return float(ratio[place - 1] / special.ndtri(0.5 + level / 2))
+    place = min(int(np.ceil(0.95 * (len(ratio) + 1))), len(ratio))
+    return float(ratio[place - 1] / special.ndtri(0.5 + 0.95 / 2))
 
 
 def rebuild_surrogate(
