@@ -1,6 +1,7 @@
 """Short pushes are found: run, joint, moment, length and size; noise and friction are none."""
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,10 +11,17 @@ from click.testing import CliRunner
 from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
 from wearscope.closed_loop.intake.dataset import read_dataset
+from wearscope.closed_loop.intake.filtering import Band, rows
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.declared import fit_declared_model
-from wearscope.closed_loop.model.events import find_events, leave_out, suggest_thresholds, take_out_common
+from wearscope.closed_loop.model.events import (
+    _find_stretches,
+    find_events,
+    leave_out,
+    suggest_thresholds,
+    take_out_common,
+)
 from wearscope.closed_loop.model.prediction import predict_runs
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.detection.bridging import bridge_events
@@ -63,6 +71,31 @@ def test_a_push_in_every_run_is_found_where_it_is(look, at, size, width):
         assert e["size"] == pytest.approx(size, rel=0.3)
     # A push of that size is seen by a detector with the threshold.
     assert thresholds["a"]["threshold"] < 0.7 * abs(size)
+
+
+@pytest.mark.parametrize(
+    ("bumps", "found"),
+    [
+        ([(3.0, 0.1), (3.8, 0.1)], [3.0, 3.8]),
+        ([(3.0, 0.1)], [3.0]),
+        ([(3.0, 0.1), (3.8, 0.1), (4.6, 0.1)], [3.0, 3.8, 4.6]),
+        # What is loud for longer than an event is structure, also next to a push.
+        ([(4.0, 0.9)], []),
+        ([(2.0, 0.1), (4.0, 0.9)], []),
+    ],
+)
+def test_pushes_that_a_filter_s_ringing_joins_are_told_apart(bumps, found):
+    band = Band(rate=100.0, motion=25.0, torque=25.0)
+    t = np.arange(8.0, step=0.01)
+    at = t[rows(band, len(t))]
+    size = sum(400.0 * np.exp(-(((at - middle) / width) ** 4)) for middle, width in bumps)
+    size += 10.0 * (np.abs(at - 3.5) < 1.6)
+    run = SimpleNamespace(band=band, t=at, signals=SimpleNamespace(t=t, v=np.ones((len(t), 1))))
+    stretches = _find_stretches(run, size, 0, 1.0)
+    assert len(stretches) == len(found)
+    for part, middle in zip(stretches, found, strict=True):
+        assert at[part.start] < middle < at[part.stop - 1]
+    assert all(one.stop <= other.start for one, other in pairwise(stretches))
 
 
 @pytest.mark.parametrize(("step", "hidden"), [(30.0, True), (3.0, False)])

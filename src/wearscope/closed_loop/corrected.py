@@ -79,7 +79,8 @@ def withdraw_worse(
         first = len(model.entries) - len(kept)
         impossible = [kept[i - first] for i, *_ in list_beyond(model)]
         here = {k: terms[k] for k in kept}
-        j, worse = (-1, impossible) if impossible else _find_worse(base.prepared, before, model, here)
+        worst = (-1, impossible, 0.0) if impossible else _find_worse(base.prepared, before, model, here)
+        j, worse, growth = worst
         if not worse and all(_is_possible(model, term) for term in helped):
             return model, why, out, helped
         inertia = ModelTerm(OWN_INERTIA, j, (), (0,))
@@ -94,7 +95,7 @@ def withdraw_worse(
         # What removes least of the test runs' error is withdrawn first.
         gone = min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction))
         kept.remove(gone)
-        larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} larger"
+        larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} {growth:.2g} % larger"
         why[gone] = larger if worse and j >= 0 else "parameters of the model would be impossible with it"
         helped, scale = [], sigma.copy()
     return before, why, [], []
@@ -108,8 +109,8 @@ def _is_possible(model: Regression, term: ModelTerm) -> bool:
 
 def _find_worse(
     prepared: Prepared, before: Regression, after: Regression, kept: dict[int, ModelTerm]
-) -> tuple[int, list[int]]:
-    """The joint whose error grows most, and the names one of which makes it; none where no joint's does.
+) -> tuple[int, list[int], float]:
+    """The joint whose error grows most, the names one of which makes it, and by how many per cent.
 
     Bodies couple the joints: one without a name of its own may change by chance where another has one, and
     must be worse outside the noise.
@@ -123,11 +124,11 @@ def _find_worse(
     change, interval = bootstrap_change(errors[0], errors[1], max(4, int(4 * prepared.band.torque)), _SEED)
     for j in np.argsort(-np.nan_to_num(change)).tolist():
         if not change[j] > 100.0 * SAME:
-            return -1, []
+            return -1, [], 0.0
         own = [k for k, term in kept.items() if term.joint == j and not term.effect.spread]
         felt = [k for k, term in kept.items() if term.effect.spread]
         if own:
-            return j, own
+            return j, own, float(change[j])
         if interval[0][j] > 0.0:
-            return j, felt or list(kept)
-    return -1, []
+            return j, felt or list(kept), float(change[j])
+    return -1, [], 0.0

@@ -36,7 +36,8 @@ class JointState:
     joint : int
     state : str
     unexplained_rms : float or None
-        RMS of the structure [torque unit of the joint].
+        RMS of the structure [torque unit of the joint]: in the training runs, or in the test runs where it is
+        seen in these alone.
     depends_on : list of str
         Signals that it depends on, as far as that is known.
     reason : str
@@ -115,11 +116,13 @@ def judge_joints(
         if not seen or not rms > 0.0:
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
-        most = max(s.share for s in seen)
+        most = np.sqrt(min(max(s.share for s in seen), 1.0)) * rms
+        if not inside:
+            most = np.sqrt(max(error**2 - rms**2, 0.0))
         # Seen in the training runs, it says more than that the test runs' error is large.
         reason = max(inside or seen, key=lambda s: s.share).reason
         known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
-        states.append(JointState(j, "unexplained", float(np.sqrt(min(most, 1.0)) * rms), known, reason))
+        states.append(JointState(j, "unexplained", float(most), known, reason))
     return states
 
 

@@ -8,6 +8,7 @@ tail of their own.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Robust standard deviations at an event's ends; longest event and longest gap within one [s]; share of the
 #: rows from which it is no event but structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
+_LOUD = 0.1  # share of a stretch's largest size above which it is loud
 #: Share of a joint's largest speed below which what is left may be a reversal's form, and how far the filters
 #: carry that, in periods of the common cut-off.
 _SLOW, _REACH = 0.05, 1.0
@@ -144,7 +146,7 @@ def _stand_out(
     parts: Sequence[Sequence[slice]],
     classes: Sequence[Sequence[np.ndarray]],
 ) -> tuple[list[list[slice]], int]:
-    """Stretches that stand out of the tail of their class's rows, and how many rows are in none."""
+    """Stretches that stand out of the tail of their class's rows, and how many rows are not loud in any."""
     limits = np.full(2, np.inf)
     calm = [[c.copy() for c in own] for own in classes]
     found: list[list[slice]] = []
@@ -162,7 +164,8 @@ def _stand_out(
         for own, some in zip(calm, found, strict=True):
             for p in some:
                 own[0][p] = own[1][p] = False
-    return found, sum(int(c.sum()) for own in calm for c in own)
+    loud = [int(_is_loud(size[p]).sum()) for size, some in zip(sizes, found, strict=True) for p in some]
+    return found, sum(int(c.sum()) for own in classes for c in own) - sum(loud)
 
 
 def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
@@ -179,16 +182,31 @@ def _find_limit(size: np.ndarray) -> float:
 
 
 def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) -> list[slice]:
-    """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event."""
+    """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
+
+    A longer one may be of several events that a filter's ringing joins: it is cut half way between those of
+    its parts that are loud next to its largest size, where none of these is longer than an event.
+    """
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
-    at = np.flatnonzero(size > _END)
-    split = np.split(at, np.flatnonzero(np.diff(run.t[at]) > _GAP) + 1)
-    whole = [slice(int(part[0]), int(part[-1]) + 1) for part in split if len(part)]
-    return [
-        part
-        for part in whole
-        if run.t[part.stop - 1] - run.t[part.start] <= _LONGEST and np.mean(speed[part] > _SLOW * top) > 0.5
-    ]
+
+    def split(at: np.ndarray) -> list[np.ndarray]:
+        parts = np.split(at, np.flatnonzero(np.diff(run.t[at]) > _GAP) + 1)
+        return [part for part in parts if len(part)]
+
+    def is_short(part: np.ndarray) -> bool:
+        return bool(run.t[part[-1]] - run.t[part[0]] <= _LONGEST)
+
+    found = []
+    for part in split(np.flatnonzero(size > _END)):
+        loud = [part] if is_short(part) else split(part[_is_loud(size[part])])
+        cuts = [(one[-1] + other[0] + 1) // 2 for one, other in pairwise(loud)]
+        ends = pairwise([part[0], *cuts, part[-1] + 1])
+        found += [slice(int(one), int(other)) for one, other in ends] if all(map(is_short, loud)) else []
+    return [part for part in found if np.mean(speed[part] > _SLOW * top) > 0.5]
+
+
+def _is_loud(size: np.ndarray) -> np.ndarray:
+    return size > _LOUD * size.max()
 
 
 def _leave_places(
