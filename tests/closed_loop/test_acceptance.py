@@ -78,6 +78,7 @@ FAULTS = {
     "sign q_shoulder": scale("q_shoulder", -1.0),
     "exchanged tau_waist tau_elbow": exchange("tau_waist", "tau_elbow"),
     "gain tau_elbow": scale("tau_elbow", 1 / 80),
+    "scale q_elbow": scale("q_elbow", 0.5),
     "speed qd_elbow": given_in_degrees,
     "step q_elbow": step,
     "spikes q_elbow": spike,

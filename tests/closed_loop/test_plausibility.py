@@ -188,6 +188,25 @@ PENDULUM_FAULTS = {
 }
 
 
+def wrap(table):
+    return table.assign(q_pivot=table["q_pivot"] % (2.0 * np.pi))
+
+
+def log_before_the_start(table):
+    return table.assign(q_pivot=np.where(table.index < 2, 3.0, table["q_pivot"]))
+
+
+@pytest.mark.parametrize("change", [wrap, log_before_the_start], ids=["turns", "first rows"])
+def test_speeds_are_those_of_the_positions_as_cleaned(tmp_path, change):
+    """A full turn, or first rows that are none, are no slope of the position."""
+    folder = swing(tmp_path / "p", 2.0)
+    change_runs(folder, lambda table: table.assign(qd_pivot=np.gradient(table["q_pivot"], table["t"])))
+    change_runs(folder, change)
+    check(folder)
+    change_runs(folder, scale("qd_pivot", 60.0))
+    refuse(folder, r"'qd_pivot' is (59|60)[.\d]* times the slope of 'q_pivot' \(correlation (0\.99|1\.00)")
+
+
 @pytest.mark.parametrize("fault", PENDULUM_FAULTS)
 def test_small_motions_tell_what_is_wrong(tmp_path, fault):
     """Ten degrees of swing, no limits in the URDF, no gear ratio: only the torque can tell."""

@@ -24,6 +24,7 @@ _BY_COLUMN = (
     "step q",
     "sign q",
     "zero q",
+    "scale q",
     "sign tau",
     "gain tau",
     "clipped tau",

@@ -50,18 +50,18 @@ def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
 
 
 def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
-    """Given speeds that are not the positions' derivative."""
+    """Given speeds that are not the derivative of the positions as cleaned, in a run's first piece."""
     recorded = next(r for r in prepared.dataset.runs if r.file == run.file).load()
     if recorded.qd is None:
         return
-    rate = prepared.dataset.fields.sample_rate
-    slope = differentiate(low_pass(recorded.q, run.band.torque, rate), rate)
+    slope = differentiate(low_pass(run.signals.q, run.band.torque, run.band.rate), run.band.rate)
     for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)):
-        given = low_pass(recorded.qd[:, [j]], run.band.torque, rate)[:, 0]
+        given = low_pass(recorded.qd[:, [j]], run.band.torque, prepared.dataset.fields.sample_rate)[:, 0]
+        given = np.interp(run.signals.t, recorded.t, given)
         both = float(given @ slope[:, j])
         gain = both / max(float(slope[:, j] @ slope[:, j]), 1e-300)
         alike = both / max(float(np.linalg.norm(given) * np.linalg.norm(slope[:, j])), 1e-300)
-        moves = np.ptp(recorded.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0]))
+        moves = np.ptp(run.signals.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0]))
         if moves and not (0.8 < gain < 1.25 and alike > 0.8):
             joint = prepared.dataset.joints[j]
             told = (
