@@ -180,6 +180,19 @@ def test_structure_is_unexplained_beside_a_model_that_lacks_it(judge, torque):
     assert (b.state, b.unexplained_rms) == ("explained", None)
 
 
+def test_structure_of_the_test_run_alone_has_its_size_there(judge):
+    """The training runs have next to nothing of it."""
+    sizes = iter([0.0, 0.0, 0.0, 3.0])
+
+    def torque(t, q, v, a, rng):
+        return np.outer(next(sizes) * np.sqrt(2.0) * np.sin(2 * np.pi * 0.9 * t), [1.0, 0.0])
+
+    a, b = judge(torque, 64)
+    assert a.state == "unexplained" and "times the training runs'" in a.reason
+    assert a.unexplained_rms == pytest.approx(3.0, rel=0.1)
+    assert (b.state, b.unexplained_rms) == ("explained", None)
+
+
 def test_what_is_periodic_in_time_is_said_with_its_frequency(judge):
     a, _ = judge(hum, 63)
     assert a.depends_on == ["t"]

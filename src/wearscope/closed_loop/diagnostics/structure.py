@@ -118,7 +118,7 @@ def judge_joints(
             continue
         most = np.sqrt(min(max(s.share for s in seen), 1.0)) * rms
         if not inside:
-            most = np.sqrt(max(error**2 - rms**2, 0.0))
+            most = np.sqrt(max(error**2 - (noisier * rms) ** 2, 0.0))
         # Seen in the training runs, it says more than that the test runs' error is large.
         reason = max(inside or seen, key=lambda s: s.share).reason
         known = next((s.depends_on for s in sorted(seen, key=lambda s: -s.share) if s.depends_on), [])
