@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from recorded_chain import LINK, Bench, chain, rub
 
@@ -218,6 +219,51 @@ def test_torque_behind_the_gear_is_taken_and_said_to_be(tmp_path, n, mass):
     assert any("no friction to be seen in this torque" in note for note in notes)
     verdict = diagnose(tmp_path / "d").verdict
     assert set(verdict["torque"].values()) == {"link"} and verdict["verdict"] == []
+
+
+@pytest.mark.parametrize("n", [3, slow(2)])
+def test_torque_behind_the_gear_lacks_the_rotors_that_are_declared(tmp_path, n):
+    """It is no torque of another size, and its positions are not before a gear."""
+    bench = Bench(tmp_path, n, 0.5)
+    bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.5, 0.3) + rng.normal(0, 0.002, q.shape)).accept()
+    file = tmp_path / "d" / "dataset.yaml"
+    fields = yaml.safe_load(file.read_text())
+    fields["declared_effects"] = ["rigid_body", "rotor_inertia", "coulomb", "viscous"]
+    fields["robot"]["rotor_inertia"] = [1.0] * n
+    file.write_text(yaml.safe_dump(fields))
+    found = check_dataset(tmp_path / "d")
+    said = [note for note in found.notes if re.search("scale|times what|of this torque|friction to be", note)]
+    assert not found.problems and len(said) == 1 and "no friction to be seen in this torque" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("n", "ratio", "unit"), [(3, 6.33, 1.0), (2, 9.0, np.pi / 180), slow(3, 36.0, np.pi / 180)]
+)
+def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
+    """Read as the joint's, as motors of a leg's joints are, and as degrees where they go far."""
+    bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
+    bench.record(
+        lambda q, v, a, rng, t: (
+            (chain(q, v, a, 0.6, 0.3) + rub(v, 0.1, 0.05) + rng.normal(0, 0.01, q.shape)) / ratio
+        ),
+        position=lambda q, k: ratio * unit * q,
+    )
+    said = bench.refuse("--position-unit", "rad")
+    found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
+    assert found == pytest.approx([1.0 / (ratio * unit)] * n, rel=0.1)
+    found = re.search(r"in addition, 'tau_j1'.* are (\S+), .* times", said)
+    assert found is not None and float(found[1]) == pytest.approx(1.0 / ratio, rel=0.15)
+
+
+@pytest.mark.parametrize(("n", "factor"), [(3, 2.0), slow(2, 4.0), slow(3, 0.25)])
+def test_encoders_of_another_resolution_are_told(tmp_path, n, factor):
+    bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
+    bench.record(
+        lambda q, v, a, rng, t: chain(q, v, a, 0.6, 0.3) + rub(v, 0.1, 0.05) + rng.normal(0, 0.01, q.shape),
+        position=lambda q, k: factor * q,
+    )
+    found = re.findall(r"--scale q_j\d=([\d.]+)", bench.refuse("--position-unit", "rad"))
+    assert [float(one) for one in found] == pytest.approx([1.0 / factor] * n, rel=0.05)
 
 
 @pytest.mark.parametrize(

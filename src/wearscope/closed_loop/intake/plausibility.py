@@ -16,6 +16,7 @@ from wearscope.closed_loop.intake.gravity import find_missing_weight
 from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
 from wearscope.closed_loop.intake.lags import find_lag
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
+from wearscope.closed_loop.intake.products import DOUBTFUL, NONE
 from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.signal_checks import check_signals
@@ -107,7 +108,15 @@ def ask_runs(prepared: Prepared) -> Rows:
                         f"{run.label}: tau_{prepared.dataset.joints[j]} hardly varies, as of a joint that is "
                         "not driven; no reading of the columns is weighed on it."
                     )
-    return every
+    return _leave_rotors(every)
+
+
+def _leave_rotors(whole: Rows) -> Rows:
+    """Rows without the declared rotors of joints whose torque clearly is that behind the gear."""
+    without = replace(whole, inertia=np.zeros(whole.n))
+    stated, fit = whole.products.fit(), without.products.fit()
+    behind = (fit.left < np.minimum(stated.left - DOUBTFUL, _DOUBTFUL)) & (fit.friction < NONE)
+    return replace(whole, inertia=np.where(behind, 0.0, whole.inertia)) if behind.any() else whole
 
 
 def _pick(run: PreparedRun, runs: int) -> slice:
@@ -164,7 +173,8 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
         where, sizes = ["all joints"], sizes[:1]
     prepared.notes.append(
         f"torques at {', '.join(where)} are {', '.join(sizes)} times what the stated bodies need: the "
-        "payload, masses or torque constants are off, and friction is as far off as the constants are."
+        "payload, masses, torque constants or positions (gear ratio, counts per turn) are off, and friction "
+        "is as far off as the constants are."
     )
 
 

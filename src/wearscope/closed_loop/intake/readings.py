@@ -73,9 +73,9 @@ def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Read
     asked = every.asked
     stated = asked.rows.products.fit()
     best = _choose(every.list_without(ignored), stated, asked.rows.products.any_size)
-    # What a test of its own has shown may be one of two faults.
-    some = list(every.list_without(ignored)) if best is None or best.shown else []
-    if some and max(np.nanmax(stated.left), stated.cost) > _POOR:
+    # What a test of its own has shown, or what leaves much, may be one of two faults.
+    asks = best is None or best.shown or best.fit.total > _POOR
+    if asks and (some := list(every.list_without(ignored))):
         other = [one for one in some if not one.codes[0].startswith("gain ")]
         better = [one for one in other if one.fit.total < stated.total - DOUBTFUL]
         heard = tuple(asked.rows.products.heard)
@@ -83,7 +83,8 @@ def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Read
         better += read_scales(asked, any_size=True)
         pairs = [pair for one in better for pair in read_sizes(asked, one)]
         pair = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
-        best = pair or best
+        if best is None or best.shown or (pair and is_clearly_less(pair.fit.total, best.fit.total, _POOR)):
+            best = pair or best
     return best
 
 
@@ -93,7 +94,8 @@ def _choose(readings: Iterable[Reading], stated: Fit, rival: float) -> Reading |
     for reading in readings:
         removed = stated.total - reading.fit.total
         if removed > DOUBTFUL and not reading.any_size:
-            removed = min(removed, rival - min(reading.fit.total, reading.products.any_size))
+            least = min(reading.fit.total, reading.products.any_size)
+            removed = removed if is_clearly_less(least, rival, DOUBTFUL) else min(removed, rival - least)
         own, before = (fit.left[list(reading.joints)] for fit in (reading.fit, stated))
         # A torque that is noise is left by every reading, and speaks for none where most joints do.
         speaks = np.abs(before - own) > _CLEAR * own

@@ -1,21 +1,24 @@
 """Readings of positions that go too far or not far enough: turns, angles before a gear, wrong degrees."""
 
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
+from wearscope.closed_loop.intake.products import DOUBTFUL
 
 #: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
-_FEW, _OF_ALL, _OF_ONE, _BETWEEN = 200, np.arange(-3.0, 3.01, 0.5), np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
+_FEW, _OF_ALL = 200, np.append(np.arange(-8.0, -3.0), np.arange(-3.0, 3.01, 0.5))
+_OF_ONE, _BETWEEN = np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
 #: Octaves of a turn, half and quarter ones, and a degree.
 _KNOWN = np.log2([2.0 * np.pi, np.pi, 0.5 * np.pi, np.pi / 180.0])
 #: Octaves by which a factor of one differs from none, or from a known one; share of what the stated positions
-#: leave, at most; share of what is left that another joint's factor leaves at most.
-_ONE, _CLEAR, _BETTER = 0.05, 0.3, 0.7
+#: leave, at most; share of what is left that another joint's factor leaves at most; shares of a torque's
+#: variance by which more factors must be better.
+_ONE, _CLEAR, _BETTER, _PLAIN = 0.05, 0.3, 0.7, 0.005
 
 
 def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
@@ -33,16 +36,17 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
         return look(*octaves.tolist())
 
     stated, none = few.miss(any_size), np.zeros(few.n)
+    found = [_refine(miss, none, turns.astype(float), _OF_ALL)]
     # Next to torques of any size one factor of all joints is asked for: motors', or turns.
-    least, octaves = (stated, none) if any_size else _add_single(miss, none, stated, heard)
-    if len(heard) > 1 and least > _CLEAR * stated:
-        common, of_all = _refine(miss, none, turns.astype(float), _OF_ALL)
-        if common < _BETTER * stated and not any_size:
-            common, of_all = _add_single(miss, of_all, common, heard)
-        least, octaves = min((least, octaves), (common, of_all), key=lambda one: one[0])
+    if len(heard) > 1 and not any_size:
+        found += [_add_single(miss, start, left, heard) for left, start in ((stated, none), *found)]
+    least, octaves = reduce(lambda one, other: other if other[0] < one[0] - _PLAIN else one, found)
     octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
     moved = np.flatnonzero(octaves)
     if not len(moved) or least > _CLEAR * stated or not few.is_worth(least, any_size):
+        return
+    # Less or more of a motion that says nothing of its size would do as well.
+    if not all(is_clearly_less(least, miss(octaves + by * (octaves != 0.0)), DOUBTFUL) for by in (-1.0, 1.0)):
         return
     nearest = _KNOWN[np.argmin(np.abs(octaves[:, None] - _KNOWN), axis=1)]
     known = np.where(np.abs(octaves - nearest) < _ONE, nearest, octaves)

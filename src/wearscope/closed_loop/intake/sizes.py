@@ -20,9 +20,9 @@ _BODY = 0.5
 #: Factors that are tried, in octaves; shares of a torque's variance from which another is sought, and that it
 #: must remove.
 _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
-#: Octaves by which a torque constant may look off; shares of what is left, that another one must remove to be
-#: sought, and that all of them must leave at most; share of a torque's variance that they must remove.
-_NEAR, _SOME, _CLEAR, _LEAST = 0.3, 0.05, 0.3, 1e-3
+#: Octaves by which a torque constant may look off, least and most; shares of what is left, that another one
+#: must remove to be sought, and that all must leave at most; share of a variance that they must remove.
+_NEAR, _FAR, _SOME, _CLEAR, _LEAST = 0.3, 2.0, 0.05, 0.3, 1e-3
 #: Least span of a position in mm that is a motion.
 LEAST_MM = 5.0
 
@@ -34,8 +34,8 @@ def read_sizes(asked: Asked, other: Reading | None = None) -> Iterator[Reading]:
     size = find_sizes(products)
     read = products.resize(size)
     at = np.flatnonzero(size != 1.0)
-    # A torque in which no body is seen is of any size.
-    if len(at) and np.all(loose[at] < _BODY * without[at]) and asked.rows.rivals_springs(read.total):
+    # A torque in which no body is seen is of any size: most must show theirs.
+    if len(at) and np.mean(loose[at] < _BODY * without[at]) > 0.5 and asked.rows.rivals_springs(read.total):
         told, codes = say_sizes(asked, at, size)
         if other is None:
             yield Reading(told, codes, tuple(at.tolist()), read, True)
@@ -63,10 +63,10 @@ def find_constants(products: Products) -> np.ndarray:
     for some in [heard, *([j] for j in 2 * heard)]:
         if min(miss(-_NEAR, some), miss(_NEAR, some)) < least - _SOME * stated or np.any(size[some] != 1.0):
             fine = optimize.minimize_scalar(
-                miss, bounds=(-1.0, 1.0), args=(some,), method="bounded", options={"xatol": 0.01}
+                miss, bounds=(-_FAR, _FAR), args=(some,), method="bounded", options={"xatol": 0.01}
             )
             # Where all by one factor leave little, no joint is asked for alone.
-            if fine.fun < (most if some is heard else least):
+            if fine.fun < (most if some is heard else least) and abs(fine.x) < _FAR - _NEAR:
                 size, least = _at(size, some, 2.0**fine.x), float(fine.fun)
         if some is heard and least < stated:
             break
