@@ -259,11 +259,20 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
         (["computed_torque_1", "computed_torque_2", "motor_torque_1", "motor_torque_2"], "torque",
          "motor_torque_1"),
         (["motor_iq_1", "motor_iq_2"], "current", "motor_iq_1"),
+        (["qd1", "qd2", "dq1", "dq2"], "velocity", "dq1"),
+        (["qd1", "qd2"], "velocity", "qd1"),
     ],
 )  # fmt: skip
 def test_names_as_makers_write_them(columns, kind, first):
     groups = find_groups(columns, ["left_axis", "right_axis"], kind)
     assert groups[0].columns[0] == first
+
+
+def test_letters_are_those_of_the_joints_names():
+    """As a maker's joint_1_s stands in its controller's columns: S."""
+    columns = ["Time(ms)", "FB pulse L", "FB pulse S", "CMD pulse L", "CMD pulse S", "Torque L", "Torque S"]
+    found = [find_groups(columns, ["joint_1_s", "joint_2_l"], kind)[0] for kind in ("position", "torque")]
+    assert [one.columns for one in found] == [("FB pulse S", "FB pulse L"), ("Torque S", "Torque L")]
 
 
 @pytest.mark.parametrize(
@@ -272,6 +281,7 @@ def test_names_as_makers_write_them(columns, kind, first):
         (["Sec", "NanoSec", "measured_q_A1"], ("Sec", "NanoSec")),
         (["header.stamp.sec", "header.stamp.nanosec", "q1"], ("header.stamp.sec", "header.stamp.nanosec")),
         (["seconds", "q1"], ("seconds",)),
+        (["UTC", "q1"], ("UTC",)),
         (["vel_rad_per_sec_1", "q1"], ()),
     ],
 )
@@ -292,7 +302,8 @@ def test_columns_without_a_pattern_are_given_as_a_list():
     ("name", "factor"),
     [("Istgeschwindigkeit [mm/min]", 1e-3 / 60.0), ("speed (deg/s)", np.pi / 180.0),
      ("Drehzahl [1/min]", np.pi / 30.0), ("Drehzahl [U/min]", np.pi / 30.0),
-     ("speed [m/min]", 1.0 / 60.0), ("velocity [rad/s]", 1.0)],
+     ("speed [m/min]", 1.0 / 60.0), ("vel_m_per_min", 1.0 / 60.0), ("vel_deg_per_s", np.pi / 180.0),
+     ("velocity [rad/s]", 1.0), ("speed (mrad/s)", 1e-3)],
 )  # fmt: skip
 def test_speeds_by_the_minute(name, factor):
     np.testing.assert_allclose(find_groups([name], ["axis"], "velocity")[0].factors, factor)

@@ -49,21 +49,24 @@ _BARE = (
     | _TARGET
     | set("joint joints axis axes rax jnt j egm state states observation robot value".split())
 )
-_TIME = set("t time timestamp stamp clock datetime date epoch elapsed duration zeit zeitstempel ipoc".split())
+_TIME = set(
+    "t time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel ipoc".split()
+)
 _SECONDS = set("sec secs second seconds sekunden".split())
 #: Turns by the minute, as drives' makers write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 #: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
 _FACTORS = {
-    "rad": 1.0, "deg": 0.017453292519943295, "degree": 0.017453292519943295, "degrees": 0.017453292519943295,
+    "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295, "degree": 0.017453292519943295,
+    "degrees": 0.017453292519943295,
     "turn": 6.283185307179586, "turns": 6.283185307179586, "rev": 6.283185307179586, "mm": 1e-3, "m": 1.0,
     "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2, "kgfcm": 0.0980665, "kgcm": 0.0980665, "kgfm": 9.80665,
     "ozin": 0.00706155, "lbin": 0.112985, "lbfin": 0.112985, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
     "rpm": 0.10471975511965977, "%": 1.0, "‰": 1.0, "permille": 1.0, "percent": 1.0,
 }  # fmt: skip
 _UNITS_OF = {
-    "position": {"rad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
-    "velocity": {"rad", "deg", "degree", "degrees", "mm", "m", "rpm"},
+    "position": {"rad", "mrad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
+    "velocity": {"rad", "mrad", "deg", "degree", "degrees", "mm", "m", "rpm"},
     "torque": {
         "nm",
         "mnm",
@@ -83,7 +86,7 @@ _UNITS_OF = {
     "temperature": set(),
 }
 _UNITS_OF["bare"] = _UNITS_OF["position"]
-_SUFFIX = re.compile(r"_([A-Za-z]+)$")
+_SUFFIX = re.compile(r"_([A-Za-z]+(?:/[A-Za-z]+)?)$")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
 
@@ -143,6 +146,7 @@ def _split_compound(word: str) -> list[str]:
 
 def find_unit(name: str, kind: str) -> str:
     """Unit that a column's name ends with, or has in brackets or as a word; empty where it has none."""
+    name = name.replace("_per_", "/")
     # Single letters within a name are more often a joint's or an axis's.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
     for text in [*_BRACKETS.findall(name), *_SUFFIX.findall(name), *inner]:
@@ -305,13 +309,16 @@ def count_numbered(columns: Sequence[str]) -> int:
 
 
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
-    """By joint its name in words, and without words that all joints have, where more than numbers stay."""
+    """By joint its name in words, without those that all joints have, and without numbers too."""
     names = [split_name(joint) for joint in joints]
     common = set.intersection(*map(set, names)) if len(names) > 1 else set()
     short = [[word for word in name if word not in common] for name in names]
     if not common or any(not one or all(word.isdigit() for word in one) for one in short):
         return [[name] for name in names]
-    return [[name, one] for name, one in zip(names, short, strict=True)]
+    words = [[word for word in one if not word.isdigit()] for one in short]
+    differ = all(words) and len(set(map(tuple, words))) == len(words)
+    forms = [names, short, words] if differ else [names, short]
+    return [list(one) for one in zip(*forms, strict=True)]
 
 
 def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
@@ -332,7 +339,9 @@ def _rank(words: Sequence[str], kind: str) -> int:
     marks = set(words)
     # A joint's motion is that behind its gear, where both sides have an encoder.
     before_gear = kind in ("position", "velocity") and "motor" in marks
-    return 4 * bool(marks & _OTHER) + 2 * bool(marks & _TARGET or before_gear) - bool(marks & _ACTUAL)
+    # Next to dq, qd is the desired position.
+    worse = 2 * bool(marks & _TARGET or before_gear) + (kind == "velocity" and "qd" in marks)
+    return 4 * bool(marks & _OTHER) + worse - bool(marks & _ACTUAL)
 
 
 def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str) -> Group:

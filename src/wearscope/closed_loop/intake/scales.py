@@ -13,8 +13,8 @@ from wearscope.closed_loop.intake.products import DOUBTFUL
 #: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
 _FEW, _OF_ALL = 200, np.append(np.arange(-8.0, -3.0), np.arange(-3.0, 3.01, 0.5))
 _OF_ONE, _BETWEEN = np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
-#: Octaves of a turn, half and quarter ones, and a degree.
-_KNOWN = np.log2([2.0 * np.pi, np.pi, 0.5 * np.pi, np.pi / 180.0])
+#: Octaves of a turn, half and quarter ones, a degree, and of twice and four times the counts.
+_KNOWN = np.array([*np.log2([2.0 * np.pi, np.pi, 0.5 * np.pi, np.pi / 180.0]), -2.0, -1.0, 1.0, 2.0])
 #: Octaves by which a factor of one differs from none, or from a known one; share of what the stated positions
 #: leave, at most; share of what is left that another joint's factor leaves at most; shares of a torque's
 #: variance by which more factors must be better.
