@@ -75,6 +75,26 @@ def test_a_standard_term_that_would_be_taken_again_stays(
     assert [f.chosen for f in revise(search, [viscous])] == ([viscous.chosen] if stays else [])
 
 
+@pytest.mark.parametrize(
+    ("name", "drifting", "answer"),
+    [
+        ("torque_offset", set(), "payload_error"),
+        ("torque_offset", {"payload_error"}, "payload_error"),
+        ("coulomb_asymmetry", {"payload_error"}, "coulomb_asymmetry"),
+        ("coulomb_asymmetry", {"payload_error", "coulomb_asymmetry"}, "payload_error"),
+    ],
+)
+def test_a_load_replaces_what_has_a_part_of_it(record, pose, monkeypatch, name, drifting, answer):
+    """A drift that explains only the load speaks against it; one that explains both does not."""
+    load = {"mass": 2.0, "moment_x": 0.5, "moment_z": 0.1, "inertia_yy": 0.1}
+    search = Search(pose(record([(1, "payload_error", load)], seed=3)), Policy(flips=99))
+    part = find(search, name, 1)
+    part = Found(part.chosen, replace(part.evidence, p_value=0.001))
+    monkeypatch.setattr(revision, "is_needed", lambda *_: True)
+    monkeypatch.setattr(search, "drifts", lambda _, e: e.term.effect.name in drifting)
+    assert [f.effect.name for f in revise(search, [part])] == [answer]
+
+
 @pytest.fixture(scope="module")
 def balancer(record_at, pose, tmp_path_factory):
     """A data set with a balancer at the last joint, which one more name cannot improve on."""

@@ -35,9 +35,13 @@ def revise(search: Search, found: list[Found]) -> list[Found]:
                 search.progress(f"{own.term.label} is dropped: not needed with the others")
                 found = others
                 continue
-            found = [Found(k.chosen, own) if k is f else k for k in found]
-            continue
-        again = ask_again(search, given, others, f, (Refusal.NONE,) if f.joint in changed else _KEEPING)
+            if f.effect.is_in_every_drive:
+                found = [Found(k.chosen, own) if k is f else k for k in found]
+                continue
+            given = search.assemble(others)
+        named = (Refusal.NONE,) if f.joint in changed else _KEEPING
+        keeping = tuple(Refusal) if f.effect.standard else named
+        again = ask_again(search, given, others, f, keeping)
         if again is None:
             search.progress(f"{f.evidence.term.label} is dropped: not needed with the others")
             found = others
@@ -135,10 +139,13 @@ def ask_again(
         chosen = rule.choose([own, *near], search.policy)
         if chosen is None or chosen is own:
             return Found(f.chosen, own)
-        better = chosen.complexity < own.complexity or rule.separates(chosen, own, search.policy)
-        if chosen.term.effect is f.effect or (better and not search.drifts(given, chosen)):
-            return Found(chosen.chosen, chosen)
-        return Found(f.chosen, own)
+        # A drift that explains both says nothing of which one it is; an offset is the level of one.
+        if chosen.term.effect is not f.effect and (
+            (chosen.complexity >= own.complexity and not rule.separates(chosen, own, search.policy))
+            or (search.drifts(given, chosen) and not (f.effect.is_offset or search.drifts(given, own)))
+        ):
+            return Found(f.chosen, own)
+        return Found(chosen.chosen, chosen)
     best = search.choose(given, able)
     return None if best is None else Found(best.chosen, best)
 
