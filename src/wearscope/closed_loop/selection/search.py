@@ -289,7 +289,14 @@ class Search:
         best = able[0]
         near = [e for e in able if e is best or (rule.touches(e, best) and e.gain > NEAR * best.gain)]
         near = [self.refine(assembly, e) for e in near]
-        return rule.choose(near, self.policy)
+        chosen = rule.choose(near, self.policy)
+        if (
+            chosen is not None
+            and chosen.term.effect is not best.term.effect
+            and self.drifts(assembly, chosen, tried)
+        ):
+            return near[0]
+        return chosen
 
     def drifts(self, assembly: Assembly, e: Evidence, tried: int = 1) -> bool:
         """Whether a drift of what a term leaves explains it as well; `tried`: models that were asked."""
