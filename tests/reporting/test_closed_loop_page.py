@@ -363,7 +363,11 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
     [
         ({}, None),
         ({"torque_factors": {"a": 1.3, "b": 1.3}}, "Torques are 1.3 times what the URDF's masses need"),
-        ({"torque_factors": {"a": 0.7}}, "Torques at a are 0.7 times what the URDF's masses need"),
+        (
+            {"torque_factors": {"a": 0.7}},
+            "Torques at a are 0.7 times what the URDF's masses need: the payload, masses, "
+            "torque constants or scale of the positions are off",
+        ),
         ({"far_links": ["b"]}, "Masses were refitted far from the URDF at b"),
     ],
 )
