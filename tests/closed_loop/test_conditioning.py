@@ -19,6 +19,7 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
 from wearscope.errors import InputError
+from wearscope.turns import unwrap_turns
 
 RATE = 250.0
 T = np.arange(int(12 * RATE)) / RATE
@@ -171,9 +172,8 @@ def test_rows_are_four_times_the_cutoff_and_spare_the_edges():
     assert kept.step == 6 and kept.start == 25 and kept.stop == 975
 
 
-def clean(run, slides=None):
-    n = run.q.shape[1]
-    return clean_run(run, [f"j{k}" for k in range(n)], slides or [False] * n, "folder/r.parquet")
+def clean(run):
+    return clean_run(run, [f"j{k}" for k in range(run.q.shape[1])], "folder/r.parquet")
 
 
 def test_a_whole_run_is_not_touched():
@@ -208,13 +208,22 @@ def test_spikes_are_bridged_and_marked():
     assert len(cleaned.notes) == 2
 
 
-def test_full_turns_are_unwrapped_where_the_joint_turns():
-    true = 2.0 + 2.5 * np.sin(T)
-    wrapped = (true + np.pi) % (2 * np.pi) - np.pi
-    cleaned = clean(make_run(wrapped))
-    np.testing.assert_allclose(np.diff(cleaned.run.q[:, 0]), np.diff(true), atol=1e-9)
-    with pytest.raises(InputError, match=r"folder/r\.parquet: column 'q_j0' steps by 6\.28 at t = "):
-        clean(make_run(wrapped), slides=[True])
+@pytest.mark.parametrize("turn", [2 * np.pi, 360.0])
+def test_full_turns_are_taken_out_at_any_step_of_the_clock(turn):
+    rng = np.random.default_rng(10)
+    t = np.sort(rng.choice(T, len(T) // 2, replace=False))
+    true = turn * (0.3 + 1.4 * np.sin(t)) + 1e-4 * turn * rng.normal(size=len(t))
+    for around in (0.0, 0.5):
+        found, jumps = unwrap_turns((true + around * turn) % turn - around * turn, turn)
+        np.testing.assert_allclose(np.diff(found), np.diff(true), atol=1e-9 * turn)
+        assert jumps > 4
+    assert unwrap_turns(true, turn)[0] is true
+    # A spike, a lost count and a quick move are none.
+    for other in (0.3 * turn, 0.7 * turn):
+        odd = true.copy()
+        odd[500] += other
+        odd[900:] += other
+        np.testing.assert_array_equal(unwrap_turns(odd, turn)[0], odd)
 
 
 def test_start_up_is_cut_and_a_step_in_the_middle_refused():

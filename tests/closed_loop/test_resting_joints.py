@@ -95,7 +95,7 @@ def test_a_real_step_of_a_resting_joint_is_still_refused():
     with pytest.raises(
         InputError, match=r"'q_b' steps by 0\.05 .* \"accept: \[step q_b\]\" to dataset\.yaml"
     ):
-        clean_run(run, ["a", "b"], [False, False], "f", reach=np.array([2.0, 1.0]))
+        clean_run(run, ["a", "b"], "f", reach=np.array([2.0, 1.0]))
 
 
 def test_what_holds_a_joint_at_rest_changes_no_row_in_which_it_moves(one_by_one):

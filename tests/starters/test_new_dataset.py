@@ -479,6 +479,26 @@ def test_counters_that_begin_again_are_unwrapped(tmp_path):
     np.testing.assert_allclose(read - read[0], q - q[0], atol=1.1e-4)
 
 
+@pytest.mark.parametrize("held", [1, 4])
+@pytest.mark.parametrize("turn", [360.0, 2.0 * np.pi])
+def test_angles_that_begin_again_at_a_full_turn_are_those_of_one_turn(tmp_path, turn, held):
+    """Degrees and radians, with a jittering clock, held over rows, and files of two rates."""
+    (tmp_path / "m.urdf").write_text(MIXED)
+    rng, true = np.random.default_rng(3), []
+    for k, rate in enumerate((400.0, 100.0)):
+        t = np.arange(20.0 * rate) / rate + 0.05 / rate * rng.normal(size=int(20.0 * rate))
+        q = (0.1 - 0.2 * k) + 1.4 * np.sin(t + k)
+        seen = q if held == 1 else q[np.arange(len(q)) // held * held]
+        table = {"time": t, "pos_1": seen / (2.0 * np.pi) * turn % turn, "pos_2": 0.2 + 0.1 * np.cos(t)}
+        pd.DataFrame({**table, "tau_1": q, "tau_2": t}).to_csv(tmp_path / f"{k}.csv", index=False)
+        true.append((t - t[0], q))
+    files = [tmp_path / f"{k}.csv" for k in range(2)]
+    made = convert_recordings(files, tmp_path / "m.urdf", Mapped())
+    for run, (t, q) in zip(made.runs, true, strict=True):
+        assert np.abs(run.frame["q_no"] - np.interp(run.frame["t"], t, q)).max() < 0.06
+    assert any("no: unwrapped where a full turn begins again" in one for one in made.notes)
+
+
 def test_names_that_yaml_takes_for_something_else(tmp_path):
     _, _, made = mixed(tmp_path, ("pos_1", "pos_2"), 1.0, 1.0)
     mapped = Mapped(gravity=[0.0, -9.81, 0.0], readings={"": "motor", "2": "none"})

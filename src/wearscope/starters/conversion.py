@@ -22,7 +22,15 @@ from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
 from wearscope.starters.stamps import find_clock, find_rate, find_restarts, order_rows, to_seconds
 from wearscope.starters.text_files import find_odd
-from wearscope.starters.units import choose_units, position_unit, read_torque, take_ratios, unwrap_counts
+from wearscope.starters.units import (
+    align_turns,
+    choose_units,
+    position_unit,
+    read_torque,
+    take_ratios,
+    unwrap_counts,
+    unwrap_positions,
+)
 from wearscope.starters.uses import Recorded, choose_uses, take_common_rate
 
 
@@ -84,13 +92,17 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     if not mapped.joints and "position" not in mapped.patterns:
         _propose_joints(urdf, joints, read)
     mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
+    wrapped: set[str] = set()
     for file, part, frame, told in read:
         opened.append(part)
-        run, rate, slower = _convert(part, frame, ordered, mapped, told)
+        run, rate, slower, wraps = _convert(part, frame, ordered, mapped, told)
+        wrapped |= wraps
         stated = None if slower else stated
         _note(notes, told, part.name)
         rates.append(rate)
         runs.append(Recorded(_name_run(part, runs), run, file=file.name))
+    turned = [joint for joint in ordered if joint.name in wrapped]
+    align_turns([run.frame for run in runs], turned, mapped.side, notes)
     rate, told = take_common_rate(runs, rates, opened, stated)
     notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if stated else "from the clock."), *told]
     notes += choose_uses(runs, opened, mapped.test, rate)
@@ -156,8 +168,8 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
-) -> tuple[pd.DataFrame, float, bool]:
-    """Recording in the platform's columns, its rate, and whether that is slower than its rows'.
+) -> tuple[pd.DataFrame, float, bool, set[str]]:
+    """Recording in the platform's columns, its rate, whether that is slower than its rows', what wrapped.
 
     Notes on what was guessed are added.
     """
@@ -176,6 +188,16 @@ def _convert(
                 f"{file}: column '{column}' has cells that are no numbers, such as '{odd.iloc[0][:40]}'; "
                 "write plain numbers with one decimal mark, or name another column."
             )
+    positions = list(groups["position"].columns)
+    unit = position_unit(
+        file,
+        groups["position"],
+        numbers[positions].ffill().bfill().dropna().to_numpy(dtype=float),
+        ordered,
+        mapped,
+        notes,
+    )
+    wrapped = set() if mapped.counts_per_turn else unwrap_positions(numbers, positions, unit, ordered)
     own = {kind: group.columns for kind, group in groups.items()}
     t, numbers, held = take_news(t, numbers, own, file.name)
     notes += held
@@ -199,7 +221,6 @@ def _convert(
     columns: dict[str, Array] = {"t": t}
     values = {kind: numbers[list(group.columns)].to_numpy(dtype=float) for kind, group in groups.items()}
     gear = take_option("gear-ratio", mapped.gear_ratio, len(joints), -np.inf)
-    unit = position_unit(file, groups["position"], values["position"], ordered, mapped, notes)
     ratio = take_ratios(gear, "--side motor", len(joints)) if mapped.side == "motor" else np.ones(len(joints))
     speed = groups["velocity"].factors if "velocity" in groups and groups["velocity"].units else unit
     if mapped.servo is not None:
@@ -226,7 +247,7 @@ def _convert(
         if "temperature" in values:
             columns[f"temp_{joint}"] = values["temperature"][:, k]
     notes += [f"{file.name}: {line}" for line in describe_groups(groups)]
-    return pd.DataFrame(columns), find_rate(t), bool(held)
+    return pd.DataFrame(columns), find_rate(t), bool(held), wrapped
 
 
 def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]) -> tuple[Array, np.ndarray]:

@@ -15,6 +15,7 @@ from wearscope.starters.columns import SHARES, Group
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.groups import choose_groups
 from wearscope.starters.mapped import Mapped
+from wearscope.turns import unwrap_turns
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,39 @@ def unwrap_counts(counts: Array) -> Array:
     reach = np.maximum(np.ptp(counts, axis=0), 1.0)
     period = 2.0 ** np.ceil(np.log2(reach + 1.0))
     return np.column_stack([np.unwrap(one, period=own) for one, own in zip(counts.T, period, strict=True)])
+
+
+def unwrap_positions(
+    numbers: pd.DataFrame, columns: Sequence[str], unit: Array, ordered: Sequence[Joint]
+) -> set[str]:
+    """Unwrap angles in place, before any is taken between rows; names of the joints that wrapped."""
+    wrapped = set()
+    for joint, column, one in zip(ordered, columns, unit, strict=True):
+        there = numbers[column].dropna()
+        if joint.kind != "prismatic" and len(there):
+            turned, jumps = unwrap_turns(there.to_numpy(dtype=float), 2.0 * np.pi / one)
+            if jumps:
+                numbers[column] = pd.Series(turned, there.index)
+                wrapped.add(joint.name)
+    return wrapped
+
+
+def align_turns(
+    frames: Sequence[pd.DataFrame], wrapped: Sequence[Joint], side: str, notes: list[str]
+) -> None:
+    """Bring joints that wrapped to one turn in all recordings, the first to that of the URDF's limits."""
+    for joint in wrapped if side == "joint" else ():
+        column = f"q_{joint.name}"
+        middle = 0.5 * (joint.lower + joint.upper)
+        for k, frame in enumerate(frames):
+            far = 0.5 * (frame[column].min() + frame[column].max()) - middle
+            turns = 2.0 * np.pi * np.round(far / (2.0 * np.pi))
+            frame[column] -= turns
+            middle += far - turns if k == 0 else 0.0
+    if wrapped:
+        names = ", ".join(joint.name for joint in wrapped)
+        turn = "URDF's limits" if side == "joint" else "motor as recorded, which may differ by recording"
+        notes.append(f"{names}: unwrapped where a full turn begins again; the turn is that of the {turn}.")
 
 
 def take_ratios(gear: Figures | None, why: str, n: int) -> Array:

@@ -1,4 +1,4 @@
-"""Recording faults that no machine makes: wrapped angles, spikes, steps of the encoder, frozen torque.
+"""Recording faults that no machine makes: spikes, steps of the encoder, frozen torque.
 
 What can be corrected without guessing is corrected, kept out of all fits and said in a note; a position
 channel that steps in the middle of a run is refused, since either half may be the wrong one.
@@ -152,13 +152,10 @@ class _Position:
 
     first: int
     after: int
-    wraps: int = 0
     spikes: int = 0
 
     def list_notes(self, label: str, joint: str, t: np.ndarray) -> list[str]:
         notes = []
-        if self.wraps:
-            notes.append(f"{label}: q_{joint} was unwrapped at {self.wraps} rows.")
         if self.spikes:
             notes.append(f"{label}: spikes of q_{joint} in {self.spikes} rows were bridged and do not count.")
         if self.first:
@@ -173,7 +170,7 @@ class _Position:
 
 
 def _clean_position(
-    run: Run, j: int, joint: str, slides: bool, floor: float, where: str, accepted: Acceptance
+    run: Run, j: int, joint: str, floor: float, where: str, accepted: Acceptance
 ) -> tuple[_Position, np.ndarray, list[str]]:
     """Correct a position in place; what was found, rows (N,) that do not count, and notes."""
     q, t = run.q[:, j], run.t
@@ -189,9 +186,6 @@ def _clean_position(
             found.spikes += high - low
             _bridge(q, low + 1, high)
             faulty[low + 1 : high + 1] = True
-        elif not slides and abs(abs(net) - 2 * np.pi) < 0.3 and high == low:
-            q[high + 1 :] -= np.sign(net) * 2 * np.pi
-            found.wraps += 1
         elif abs(net) <= _STEP * float(np.ptp(q)) or (high > low and _returns(net, nets)):
             continue
         elif not _is_abrupt(q, odd, low, high) or _is_recorded(run, odd, j, low, high):
@@ -286,7 +280,6 @@ def _travels(part: np.ndarray, whole: np.ndarray) -> bool:
 def clean_run(
     run: Run,
     joints: list[str],
-    slides: list[bool],
     where: str,
     reach: np.ndarray | None = None,
     accepted: Acceptance | None = None,
@@ -298,8 +291,6 @@ def clean_run(
     run : Run
         Uniformly sampled; it is not changed.
     joints : list of str
-    slides : list of bool
-        Whether each joint is prismatic; the others may wrap at a full turn.
     where : str
         What to call the run in messages.
     reach : ndarray (n,), optional
@@ -320,7 +311,7 @@ def clean_run(
     odd_position = np.zeros(len(run.t), dtype=bool)
     for j, joint in enumerate(joints):
         floor = _least_odd(run.q[:, j], float(quantum[j]), float(reach[j]))
-        found, odd, told = _clean_position(cleaned, j, joint, slides[j], floor, where, accepted)
+        found, odd, told = _clean_position(cleaned, j, joint, floor, where, accepted)
         first, after = max(first, found.first), min(after, found.after)
         odd_position |= odd
         notes += told

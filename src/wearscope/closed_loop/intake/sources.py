@@ -13,6 +13,7 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
+from wearscope.turns import unwrap_turns
 
 #: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
 _MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
@@ -109,15 +110,14 @@ def clean_record(
     dataset: Dataset, record: RunRecord, urdf: str, reach: np.ndarray, notes: list[str]
 ) -> list[Source]:
     """One recording as `clean_runs` has it, whole."""
-    slides = [unit == "m" for unit in dataset.position_unit]
     rate, where = dataset.fields.sample_rate, str(dataset.folder / record.file)
-    pieces, told = split_at_gaps(record.load(), rate, where)
+    pieces, told = split_at_gaps(_unwrap(dataset, record.load(), notes), rate, where)
     notes += told
     sources = []
     for piece in pieces:
         uniform = resample(piece, rate)
         uniform.quantum = _share_quantum(dataset, uniform)
-        cleaned = clean_run(uniform, dataset.joints, slides, where, reach, dataset.accepted)
+        cleaned = clean_run(uniform, dataset.joints, where, reach, dataset.accepted)
         notes += cleaned.notes
         lost = mark_losses(cleaned.run)
         body = rigid_body_of(urdf, dataset, cleaned.run)
@@ -126,6 +126,18 @@ def clean_record(
             Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))
         )
     return sources
+
+
+def _unwrap(dataset: Dataset, run: Run, notes: list[str]) -> Run:
+    """Run whose angles do not begin again at a full turn, before anything is taken between its samples."""
+    q, wrapped = run.q.copy(), []
+    for j, unit in enumerate(dataset.position_unit):
+        if unit == "rad":
+            q[:, j], jumps = unwrap_turns(run.q[:, j])
+            wrapped += [f"q_{dataset.joints[j]}"] if jumps else []
+    if wrapped:
+        notes.append(f"{run.file}: {', '.join(wrapped)}: unwrapped where a full turn begins again.")
+    return replace(run, q=q)
 
 
 def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
