@@ -31,7 +31,7 @@ from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.posing import pose_problem
 from wearscope.closed_loop.selection.answer import Answer, find_terms
 from wearscope.closed_loop.selection.delays import is_lag
-from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits
+from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits, tell_suspected
 from wearscope.closed_loop.selection.evidence import Found
 from wearscope.closed_loop.selection.levels import name_levels, take_out_levels
 from wearscope.closed_loop.selection.policy import Policy
@@ -237,6 +237,7 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     limits = find_limits(search, determined)
     notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
+    notes += tell_suspected(answer.suspected, prepared.dataset.joints)
     notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "

@@ -158,7 +158,7 @@ def summarise_joints(
             "unexplained_rms": states[j].unexplained_rms,
             "depends_on": states[j].depends_on,
             "reason": states[j].reason,
-            "detection_limit_percent": {name: 100.0 * one for name, one in limits[j].items()},
+            "detection_limit_percent": {name: _number(100.0 * one) for name, one in limits[j].items()},
             "test_runs": runs,
             "relative_error_percent": relative,
         }

@@ -42,7 +42,8 @@ def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -
                 if effect.lacking:
                     records.append(_record(joint, effect.name, effect.lacking, motion))
             elif (limit := limits[j].get(effect.name, 0.0)) > LARGE:
-                reason = f"it gets no name below {say_limit(limit)} of the joint's torque on these runs"
+                share = f"below {say_limit(limit)} of the joint's torque"
+                reason = f"it gets no name {share if np.isfinite(limit) else 'of any size'} on these runs"
                 records.append(_record(joint, effect.name, reason, motion))
     return records + _judge_coverage(prepared)
 

@@ -30,12 +30,15 @@ class Answer:
         explain what is left and has parameters that no such machine has.
     dependence : dict of int to Dependence
         By other joints, what of the residual depends on the motion.
+    suspected : dict of int to list of Evidence
+        By joint, names that explain much of what is left, most first, and are too uncertain to be taken.
     """
 
     found: list[Found]
     equivalent: list[list[str]]
     left: dict[int, Evidence]
     dependence: dict[int, Dependence]
+    suspected: dict[int, list[Evidence]]
 
 
 def find_terms(search: Search) -> Answer:
@@ -49,8 +52,9 @@ def find_terms(search: Search) -> Answer:
     found = search.settle_reversals(found)
     prepared = search.problem.prepared
     asked = [j for j in range(prepared.n) if prepared.moving[j] and j not in left]
-    left = left | find_unbelievable(search, found, asked)
-    return Answer(found, equivalent, left, find_dependence(search, found, asked) | depends)
+    unbelievable, suspected = ask_rest(search, found, asked)
+    left = left | unbelievable
+    return Answer(found, equivalent, left, find_dependence(search, found, asked) | depends, suspected)
 
 
 def find_named(search: Search) -> list[Found]:
@@ -64,10 +68,13 @@ def find_named(search: Search) -> list[Found]:
     return found if suited is found else settle(search, search.settle_reversals(suited))
 
 
-def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int]) -> dict[int, Evidence]:
-    """By joint, the name that explains most of what is left, and is refused for its parameters alone.
+def ask_rest(
+    search: Search, found: list[Found], joints: Iterable[int]
+) -> tuple[dict[int, Evidence], dict[int, list[Evidence]]]:
+    """By joint, the names that explain most of what is left: unbelievable ones, and suspected ones.
 
-    What has its form is there, whatever it is: it makes the joint `unexplained`.
+    What is refused for its parameters alone is there, whatever it is: it makes the joint `unexplained`. What
+    is refused for its significance alone may be there.
 
     Parameters
     ----------
@@ -82,8 +89,11 @@ def find_unbelievable(search: Search, found: list[Found], joints: Iterable[int])
     offered = search.candidates(assembly, found, joints, every=True)
     by_run = search.problem.layout.folds.by_run
     left: dict[int, Evidence] = {}
+    suspected: dict[int, list[Evidence]] = {}
     for e in sorted(search.weigh_all(assembly, offered, find_least(search, assembly)), key=lambda e: -e.gain):
         explains = rule.explains_unbelievably(e, search.policy, by_run)
         if e.joint not in left and explains and not search.drifts(assembly, e):
             left[e.joint] = e
-    return left
+        if rule.is_suspected(e, search.policy, by_run):
+            suspected.setdefault(e.joint, []).append(e)
+    return left, {j: able for j, able in suspected.items() if j not in left}

@@ -180,6 +180,12 @@ def explains_unbelievably(e: Evidence, policy: Policy, by_run: bool) -> bool:
     return e.refusal is Refusal.BOUNDS and much and agrees(e, policy, by_run)
 
 
+def is_suspected(e: Evidence, policy: Policy, by_run: bool) -> bool:
+    """Whether a name explains what would make a joint `unexplained`, and only its significance is too low."""
+    much = min(e.share, e.fitted) >= policy.structure_share and e.p_value <= policy.zero_level
+    return e.refusal is Refusal.CHANCE and much and agrees(e, policy, by_run)
+
+
 def is_needed(e: Evidence, policy: Policy, by_run: bool) -> bool:
     """Whether a standard term of a joint is kept: held-out runs gain by it, materially and outside noise.
 

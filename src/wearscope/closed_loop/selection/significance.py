@@ -49,6 +49,15 @@ def score_chance(observed: np.ndarray | float, chance: np.ndarray) -> np.ndarray
     return (np.cbrt(np.maximum(np.asarray(observed), 0.0) / mean) - (1.0 - ninth)) / np.sqrt(ninth)
 
 
+def find_ratio(score: float, columns: int) -> float:
+    """Least ratio of a statistic to its mean under random signs, of so many columns, at a normal score.
+
+    The inverse of `score_chance` where the signs give the statistic a chi-squared law.
+    """
+    ninth = 2.0 / (9.0 * columns)
+    return float((score * np.sqrt(ninth) + 1.0 - ninth) ** 3)
+
+
 def find_critical(errors: float, blocks: np.ndarray | float) -> np.ndarray:
     """Standard errors from which a sum is told from noise, where so many blocks inform on it effectively.
 
