@@ -7,7 +7,7 @@ is. Then each kind of torque is added at each joint, in all runs, at multiples o
 `detection_limit_percent` there. Printed: a line each, then by multiple
 
 - found: the effect is named there, or is in the set of a name there,
-- hinted: it is not, and the joint is `unexplained`, or a note says what could explain the rest,
+- hinted: it is not, and the joint is `unexplained`, or its reason says what could explain the rest,
 - missed: neither,
 - changed: names at other joints are not those of the recording as it was.
 """
@@ -74,8 +74,7 @@ def grade(verdict: dict[str, Any], joint: str, kind: str) -> str:
     entries = [one for one in verdict["verdict"] if one["joint"] == joint]
     if any(kind in (one["effect"], *one["equivalent"]) for one in entries):
         return "found"
-    noted = any(note.startswith(f"{joint}: ") and "would remove" in note for note in verdict["notes"])
-    return "hinted" if noted or verdict["joints"][joint]["state"] == "unexplained" else "missed"
+    return "hinted" if verdict["joints"][joint]["reason"] else "missed"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -61,7 +61,10 @@ def test_what_is_too_uncertain_for_a_name_is_noted(record_at, tmp_path):
         notes[size] = [note for note in verdict["notes"] if "too uncertain for a name" in note]
     assert not notes[0.0]
     (note,) = notes[1.0]
-    assert note.startswith("a: ") and "joint_spring" in note
+    reason = verdict["joints"]["a"]["reason"]
+    assert note == f"a: {reason}."
+    assert "joint_spring" in reason
+    assert verdict["joints"]["a"]["state"] == "explained"
 
 
 def test_what_one_event_shows_has_no_size_that_gets_a_name(record_at, tmp_path):

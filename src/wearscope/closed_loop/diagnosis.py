@@ -237,7 +237,8 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     limits = find_limits(search, determined)
     notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
-    notes += tell_suspected(answer.suspected, prepared.dataset.joints)
+    suspicions = tell_suspected(answer.suspected)
+    notes += [f"{prepared.dataset.joints[j]}: {told}." for j, told in suspicions.items()]
     notes += [one.describe(prepared.dataset.joints) for one in impossible]
     notes += [
         f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
@@ -251,7 +252,7 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
         before,
         proposed,
         after,
-        states,
+        [s if s.reason else replace(s, reason=suspicions.get(s.joint, "")) for s in states],
         worth,
         candidates,
         full,

@@ -130,10 +130,11 @@ def _undetermined(loop: ClosedLoop) -> Markup:
     ]
     if not rows:
         return Markup("")
-    untested = render_table(rows, "What could not be tested.")
+    untested = render_table(rows, "What could not be tested, or can be hidden.")
     if len(rows) <= MOST_SHOWN:
         return untested
-    return render_part(folded=[(f"{len(rows)} effects that could not be tested", False, untested)])
+    title = f"{len(rows)} effects that could not be tested, or can be hidden"
+    return render_part(folded=[(title, False, untested)])
 
 
 def _where(loop: ClosedLoop, joints: list[str]) -> str:

@@ -247,7 +247,7 @@ def tell_sizes(one: Verdict) -> str:
 
 
 def tell_left(one: Verdict) -> str:
-    """Of structure that is left, its size and how it was seen; why a joint is not judged."""
+    """Of structure that is left, its size and how it was seen; else what was not judged or is uncertain."""
     if one["state"] == "unexplained":
         if not one["depends_on"] and one["reason"].startswith("the test runs' error"):
             return upper_first(one["reason"])  # its size is that of the error itself
@@ -256,7 +256,7 @@ def tell_left(one: Verdict) -> str:
         if one["depends_on"]:
             return f"{size}{',' if noise else ''} {tell_why(one).removeprefix('it ')}"
         return f"{size}: {tell_why(one)}"
-    return str(one["reason"]) if one["state"] == "not_judged" else ""
+    return str(one["reason"])
 
 
 def tell_why(one: Verdict) -> str:

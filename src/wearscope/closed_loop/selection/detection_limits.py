@@ -130,11 +130,11 @@ def tell_limits(limits: Sequence[dict[str, float]], joints: Sequence[str]) -> li
     ]
 
 
-def tell_suspected(suspected: Mapping[int, Sequence[Evidence]], joints: Sequence[str]) -> list[str]:
-    """A sentence on each joint where names explain much and are too uncertain to be given."""
-    return [
-        f"{joints[j]}: {' or '.join(dict.fromkeys(e.term.effect.name for e in able))} would remove "
-        f"{100 * able[0].share:.0f} % of the squared error that is left. That is too uncertain for a name "
-        f"(p = {able[0].p_value:.2g}). Longer or more training runs can decide it."
+def tell_suspected(suspected: Mapping[int, Sequence[Evidence]]) -> dict[int, str]:
+    """By joint, a sentence on names that explain much and are too uncertain to be given."""
+    return {
+        j: f"{' or '.join(dict.fromkeys(e.term.effect.name for e in able))} would remove "
+        f"{100 * able[0].share:.0f} % of the squared error that is left; that is too uncertain for a name "
+        f"(p = {able[0].p_value:.2g}), and longer or more training runs can decide it"
         for j, able in sorted(suspected.items())
-    ]
+    }
