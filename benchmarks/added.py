@@ -47,7 +47,7 @@ KINDS: dict[str, Kind] = {
 
 
 def add_torque(folder: Path, place: Path, joint: str, kind: str, size: float) -> Path:
-    """A copy in which a joint's torque has a further one of a size (RMS) over all runs."""
+    """A copy in which a joint's torque has a further one of a size (RMS), over all runs where it moves."""
     shutil.copytree(folder, place, copy_function=shutil.copyfile)
     fields = yaml.safe_load((place / "dataset.yaml").read_text(encoding="utf-8"))
     tables = {run["file"]: read_table(folder / run["file"]) for run in fields["runs"]}
@@ -58,7 +58,8 @@ def add_torque(folder: Path, place: Path, joint: str, kind: str, size: float) ->
     top = np.quantile(np.abs(np.concatenate([*speed.values()])), 0.95)
     place_of = {f: (table[f"q_{joint}"] - middle) / half for f, table in tables.items()}
     extra = {f: KINDS[kind](place_of[f], speed[f] / top) for f in tables}
-    scale = size / np.sqrt(np.mean(np.concatenate([*extra.values()]) ** 2))
+    moves = np.concatenate([np.abs(v) > WIDTH * top for v in speed.values()])
+    scale = size / np.sqrt(np.mean(np.concatenate([*extra.values()])[moves] ** 2))
     for file, table in tables.items():
         table[f"tau_{joint}"] += scale * extra[file]
         (place / file).with_suffix(".parquet").unlink(missing_ok=True)
