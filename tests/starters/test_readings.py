@@ -184,13 +184,54 @@ def test_a_quarter_turn_is_taken_where_it_leaves_about_as_little(sharp, want):
     np.testing.assert_allclose(found, [0.0, want], atol=2e-3)
 
 
-def test_torques_without_their_sign_are_told_so(tmp_path):
-    bench = Bench(tmp_path, 2, 2.0)
-    bench.record(lambda q, v, a, rng, t: np.abs(chain(q, v, a, 2.0, 0.3) + rub(v, 0.6, 0.5)))
-    text = bench.refuse()
-    assert "'tau_j1' and 'tau_j2' are never negative, as torques without sign" in text
-    bench.accept("--accept", "unsigned tau", "--accept", "sign q_j1", "--accept", "sign q_j2",
-                 "--accept", "unrelated tau")  # fmt: skip
+@pytest.mark.parametrize(("n", "mass", "friction"), [(2, 2.0, 0.1), (1, 0.4, 1.0), (3, 20.0, 0.6)])
+def test_torques_without_their_sign_are_told_so(tmp_path, n, mass, friction):
+    bench = Bench(tmp_path, n, mass)
+    rubs = friction * mass * 0.3 * 9.81
+    bench.record(lambda q, v, a, rng, t: np.abs(chain(q, v, a, mass, 0.3) + rub(v, rubs, rubs)))
+    names = [f"'tau_j{k + 1}'" for k in range(n)]
+    said = f"{', '.join(names[:-1])} and {names[-1]} are" if n > 1 else "'tau_j1' is"
+    assert f"{said} never negative, as " in bench.refuse()
+    if n == 2:
+        bench.accept("--accept", "unsigned tau", "--accept", "sign q_j1", "--accept", "sign q_j2",
+                     "--accept", "unrelated tau")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mass", "friction", "lacks"), [(2.0, 0.05, 0.3), (15.0, 0.2, 0.3), slow(0.3, 0.35, 0.2)]
+)
+def test_a_shoulder_that_always_carries_its_load_has_its_sign(tmp_path, mass, friction, lacks):
+    """The model lacks a ripple that is much of what the torque varies by."""
+    bench, weight = Bench(tmp_path, 1, mass, seconds=20.0), mass * 0.3 * 9.81
+    lowest = []
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q + 1.4, v, a, mass, 0.3) + rub(v, friction * weight, 0.0)
+        lowest.append(float((tau + lacks * weight * np.sin(9.0 * (q + 1.4))).min()))
+        return tau + lacks * weight * np.sin(9.0 * (q + 1.4))
+
+    notes = bench.record(torque, position=lambda q, k: q + 1.4).accept()
+    assert min(lowest) > 0.0 and not any("never negative" in note for note in notes)
+
+
+@pytest.mark.parametrize(("mass", "friction", "lost"), [(5.0, 0.05, False), (80.0, 1.4, True)])
+def test_a_lift_has_its_sign_unless_friction_alone_turns_its_torque(tmp_path, mass, friction, lost):
+    bench, weight = Bench(tmp_path, 1, mass, seconds=20.0), mass * 9.81
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace("revolute", "prismatic").replace("0 -1 0", "0 0 1"))
+
+    def torque(q, v, a, rng, t):
+        rubs = rub(v, friction * weight, friction * weight)
+        tau = mass * (a + 9.81) + rubs + 0.2 * weight * np.sin(40.0 * q)
+        assert lost == (tau.min() < 0.0)
+        return np.abs(tau)
+
+    bench.record(torque)
+    if lost:
+        assert "'tau_j1' is never negative, as a torque without sign" in bench.refuse("--position-unit", "m")
+    else:
+        notes = bench.accept("--position-unit", "m")
+        assert not any("never negative" in note for note in notes)
 
 
 @pytest.mark.parametrize("zeroed", [True, False])

@@ -20,7 +20,13 @@ from wearscope.closed_loop.intake.products import DOUBTFUL, NONE
 from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.closed_loop.intake.signal_checks import check_signals
-from wearscope.closed_loop.intake.sizes import find_constants, find_impossible_sizes, leave, say_sizes
+from wearscope.closed_loop.intake.sizes import (
+    find_constants,
+    find_impossible_sizes,
+    needs_body,
+    say_sizes,
+    unfold,
+)
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
 #: Share of a torque's variance above which a joint, or a run, is doubted.
@@ -34,6 +40,8 @@ _MOST_ROWS, _MOST_OF_RUN = 4000, 1200
 #: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
 #: explains all but a share of it.
 _QUIET, _IDLE = 0.2, 0.3
+#: Share of what a torque as recorded leaves that it leaves with signs, where it has lost them.
+_FOLDED = 0.5
 #: Share of its reach below which a joint rests in a run.
 _RESTS = 1e-2
 #: Share of a torque's variance below which there is no friction in it; factor below which there is no body.
@@ -126,18 +134,21 @@ def _pick(run: PreparedRun, runs: int) -> slice:
 
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
     """Torques without their signs; positions that count from where each run starts."""
-    left = whole.products.fit().left
-    heard, joints = whole.products.heard, prepared.dataset.joints
+    left, joints = whole.products.fit().left, prepared.dataset.joints
     if np.nan_to_num(left).max(initial=0.0) < WORTH:
         return
-    records = [record.load() for record in prepared.dataset.runs]
-    both_ways = all(np.ptp(np.sign(whole.v[whole.counts[:, j], j])) == 2.0 for j in heard)
+    records, heard = [record.load() for record in prepared.dataset.runs], whole.products.heard
     lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
-    if both_ways and heard and np.all(lowest[heard] >= 0.0) and np.nanmax(left) > _DOUBTFUL:
-        names = say_columns([f"tau_{joints[j]}" for j in heard])
-        verb, one = ("are", "torques") if len(heard) > 1 else ("is", "a torque")
-        told = f"{names} {verb} never negative, as {one} without sign; record the torque with its sign."
-        prepared.refuse(str(prepared.dataset.folder), told, "unsigned tau")
+    if np.nanmax(left) > _DOUBTFUL and np.all(lowest[heard] >= 0.0):
+        # A load may keep a torque on one side of zero.
+        gains = {f"tau_{joints[j]}": unfold(whole, j) for j in heard}
+        if folded := [name for name, gain in gains.items() if gain < _FOLDED]:
+            verb, one = ("are", "torques") if len(folded) > 1 else ("is", "a torque")
+            told = f"{say_columns(folded)} {verb} never negative, as {one} without sign; record the torque"
+            prepared.refuse(str(prepared.dataset.folder), f"{told} with its sign.", "unsigned tau")
+        elif doubted := [name for name, gain in gains.items() if gain < 1.0]:
+            told = f"{', '.join(doubted)}: never negative, by the load or because the column has no sign."
+            prepared.notes.append(told)
     if all(np.all(record.q[0] == 0.0) for record in records):
         prepared.notes.append(
             "all positions are 0 at the start of every run, and the stated bodies leave much of the torque: "
@@ -325,19 +336,12 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
             )
             continue
         small = (0.0 < factor[j] < _NO_BODY or without[j] < 1.1 * loose[j]) and without[j] < _DOUBTFUL
-        if small and _needs_body(whole, j):
+        if small and needs_body(whole, j):
             prepared.notes.append(
                 f"{joints[j]}: next to nothing of the rigid body is seen in this torque; likely causes: "
                 'gravity was taken out ("torque: without_gravity"), a balancer carries the body, or masses '
                 "are far too large."
             )
-
-
-def _needs_body(whole: Rows, j: int) -> bool:
-    """Whether a joint's body has much torque that the drive's own inertia and friction cannot have."""
-    at = whole.counts[:, j]
-    own = [np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]]
-    return bool(leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
 
 
 def _torque_spread(run: PreparedRun) -> np.ndarray:

@@ -7,7 +7,7 @@ from scipy import optimize
 
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.joint_fit import Rows
-from wearscope.closed_loop.intake.products import Products
+from wearscope.closed_loop.intake.products import NONE, Products
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Torque over need beyond which a factor is no error of the model.
@@ -23,6 +23,8 @@ _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
 #: Octaves by which a torque constant may look off, least and most; shares of what is left, that another one
 #: must remove to be sought, and that all must leave at most; share of a variance that they must remove.
 _NEAR, _FAR, _SOME, _CLEAR, _LEAST = 0.3, 2.0, 0.05, 0.3, 1e-3
+#: Turns of the search for a torque's signs.
+_TURNS = 20
 #: Least span of a position in mm that is a motion.
 LEAST_MM = 5.0
 
@@ -166,6 +168,27 @@ def find_impossible_sizes(rows: Rows) -> np.ndarray:
             if abs(one) < _SMALL or (abs(one) > _LARGEST and tau.std() > most):
                 size[j] = one
     return size
+
+
+def unfold(rows: Rows, j: int) -> float:
+    """What body and drive of any size leave of a torque that is given signs, over what they leave of it."""
+    at = rows.counts[:, j]
+    y, direction, body = rows.tau[at, j], rows.sign[at, j], rows.known[at, j]
+    columns, left = [np.ones(len(y)), body, rows.a[at, j], direction, rows.v[at, j]], []
+    for start in (body, direction):
+        sign = np.where(start < 0.0, -1.0, 1.0)
+        for _ in range(_TURNS):
+            sign = np.where(sign * y < leave(sign * y, columns), -1.0, 1.0)
+        left.append(float(leave(sign * y, columns).var()))
+    none = NONE * float(y.var())
+    return (min(left) + none) / (float(leave(y, columns).var()) + none)
+
+
+def needs_body(whole: Rows, j: int) -> bool:
+    """Whether a joint's body has much torque that the drive's own inertia and friction cannot have."""
+    at = whole.counts[:, j]
+    own = [np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]]
+    return bool(leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
 
 
 def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
