@@ -296,6 +296,42 @@ def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
     assert found is not None and float(found[1]) == pytest.approx(1.0 / ratio, rel=0.15)
 
 
+@pytest.mark.parametrize(("n", "mass", "belt"), [(3, 0.6, 1.55), (4, 20.0, 3.0), slow(3, 5.0, 0.5)])
+def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_path, n, mass, belt):
+    bench, rubs = Bench(tmp_path, n, mass, size=0.5, seconds=20.0), 0.3 * mass
+    bench.record(
+        lambda q, v, a, rng, t: (
+            (chain(q, v, a, mass, 0.3) + rub(v, rubs, rubs) + rng.normal(0, 0.01 * mass, q.shape)) / belt
+        ),
+        position=lambda q, k: belt * q,
+    )
+    said = bench.refuse("--position-unit", "rad")
+    found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
+    assert found == pytest.approx([1.0 / belt] * n, rel=0.02)
+    torques = re.search(r"in addition, 'tau_j1'.* are (.*) times", said)
+    assert torques is not None
+    assert [float(one) for one in torques[1].split(", ")] == pytest.approx([1.0 / belt] * n, rel=0.05)
+
+
+def test_a_small_motion_tells_no_factor_of_positions_next_to_another_of_torques(tmp_path):
+    bench = Bench(tmp_path, 1, 2.0, size=0.6, seconds=20.0)
+    bench.record(
+        lambda q, v, a, rng, t: (
+            (chain(q, v, a, 2.0, 0.3) + rub(v, 1.2, 1.2) + rng.normal(0, 0.02, v.shape)) / 2.0
+        ),
+        position=lambda q, k: 2.0 * q,
+    )
+    assert "as torques of another constant would ask for another" in bench.refuse("--position-unit", "rad")
+
+
+@pytest.mark.parametrize(("n", "mass", "factor"), [(2, 4.0, 3.7), (1, 0.5, 0.29), slow(3, 20.0, 3.5)])
+def test_torques_nearly_four_times_too_large_or_small_are_noted(tmp_path, n, mass, factor):
+    bench, rubs = Bench(tmp_path, n, mass), 0.5 * mass
+    bench.record(lambda q, v, a, rng, t: factor * (chain(q, v, a, mass, 0.3) + rub(v, rubs, rubs)))
+    told = re.search(r"all joints are (\S+) times what the stated bodies", " ".join(bench.accept()))
+    assert told is not None and float(told[1]) == pytest.approx(factor, rel=0.03)
+
+
 @pytest.mark.parametrize(("n", "factor"), [(3, 2.0), slow(2, 4.0), slow(3, 0.25)])
 def test_encoders_of_another_resolution_are_told(tmp_path, n, factor):
     bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)

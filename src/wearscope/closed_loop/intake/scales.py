@@ -9,7 +9,10 @@ from scipy import optimize
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.joint_fit import WORTH, Rows, is_clearly_less
 from wearscope.closed_loop.intake.products import DOUBTFUL
+from wearscope.closed_loop.intake.sizes import say_sizes
 
+#: Octaves within which a size of all torques is sought.
+_SIZES = 8.0
 #: Rows on which factors are sought; octaves at which they are, of all joints and of one, and between them.
 _FEW, _OF_ALL = 200, np.append(np.arange(-8.0, -3.0), np.arange(-3.0, 3.01, 0.5))
 _OF_ONE, _BETWEEN = np.array([-1.0, -0.5, 0.5, 1.0]), 0.5
@@ -24,6 +27,7 @@ _ONE, _CLEAR, _BETTER, _PLAIN = 0.05, 0.3, 0.7, 0.005
 def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     """Positions of joints that turn by a factor, all at once or some; torques as in `read_zeros`."""
     few, turns = asked.rows.thin(_FEW), ~np.array(asked.slides)
+    way = turns.astype(float)
     heard = [j for j in few.products.heard if turns[j]]
     if not heard or not few.is_worth(0.0, any_size):
         return
@@ -32,34 +36,72 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     def look(*octaves: float) -> float:
         return _scale(few, np.array(octaves)).miss(any_size)
 
-    def miss(octaves: np.ndarray) -> float:
+    def miss_plain(octaves: np.ndarray) -> float:
         return look(*octaves.tolist())
 
+    def miss_sized(octaves: np.ndarray) -> float:
+        return _size(_scale(few, octaves), way)[0]
+
+    def is_told(miss: Callable[[np.ndarray], float], octaves: np.ndarray, least: float) -> bool:
+        """Whether half and twice do worse, as they do not where the motion says nothing of its size."""
+        others = [miss(octaves + by * (octaves != 0.0)) for by in (-1.0, 1.0)]
+        return all(is_clearly_less(least, one, DOUBTFUL) for one in others)
+
     stated, none = few.miss(any_size), np.zeros(few.n)
-    found = [_refine(miss, none, turns.astype(float), _OF_ALL)]
+    found = [_refine(miss_plain, none, way, _OF_ALL)]
     # Next to torques of any size one factor of all joints is asked for: motors', or turns.
     if len(heard) > 1 and not any_size:
-        found += [_add_single(miss, start, left, heard) for left, start in ((stated, none), *found)]
+        found += [_add_single(miss_plain, start, left, heard) for left, start in ((stated, none), *found)]
     least, octaves = reduce(lambda one, other: other if other[0] < one[0] - _PLAIN else one, found)
-    octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
-    moved = np.flatnonzero(octaves)
-    if not len(moved) or least > _CLEAR * stated or not few.is_worth(least, any_size):
+    tried = [(least, octaves, miss_plain)]
+    if not any_size:
+        both, other = _refine(miss_sized, none, way, _OF_ALL)
+        if is_clearly_less(both, least, DOUBTFUL):
+            tried.insert(0, (both, other, miss_sized))
+    for least, octaves, miss in tried:
+        octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
+        moved = np.flatnonzero(octaves)
+        clear = len(moved) and least <= _CLEAR * stated and few.is_worth(least, any_size)
+        if clear and is_told(miss, octaves, least):
+            break
+    else:
         return
-    # Less or more of a motion that says nothing of its size would do as well.
-    if not all(is_clearly_less(least, miss(octaves + by * (octaves != 0.0)), DOUBTFUL) for by in (-1.0, 1.0)):
-        return
-    nearest = _KNOWN[np.argmin(np.abs(octaves[:, None] - _KNOWN), axis=1)]
-    known = np.where(np.abs(octaves - nearest) < _ONE, nearest, octaves)
-    octaves = octaves if is_clearly_less(least, miss(known), WORTH) else known
+    sized = miss is miss_sized
+    octaves = _snap(miss, octaves, least)
     names, sizes = asked.names(moved, "q"), [f"{2.0 ** octaves[j]:.5g}" for j in moved]
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
+    alone = any_size or sized or is_told(miss_sized, octaves, least)
+    also = "" if alone else ", as torques of another constant would ask for another"
     told = (
         f"{say_columns(names)} {'fit' if len(moved) > 1 else 'fits'} the URDF where multiplied by "
         f"{', '.join(dict.fromkeys(sizes))}, as turns or angles before a gear do; where the exact factor is "
-        f'known, give that; write "scaled: {{{pairs}}}" in dataset.yaml.'
+        f'known, give that{also}; write "scaled: {{{pairs}}}" in dataset.yaml.'
     )
     codes = tuple(f"scale {name}" for name in names)
-    yield Reading(told, codes, tuple(moved.tolist()), _scale(asked.rows, octaves).products)
+    products = _scale(asked.rows, octaves).products
+    if sized:
+        size = _size(_scale(few, octaves), way)[1]
+        more, added = say_sizes(asked, np.array(heard), size)
+        told, codes = f"{told.rstrip('.')}; in addition, {more}", (*codes, *added)
+        products = products.resize(size)
+    yield Reading(told, codes, tuple(moved.tolist()), products)
+
+
+def _size(rows: Rows, way: np.ndarray) -> tuple[float, np.ndarray]:
+    """What one size of all joints' torques along a way leaves at best, and the sizes (n,)."""
+    products = rows.products
+    fine = optimize.minimize_scalar(
+        lambda x: products.resize(2.0 ** (x * way)).total,
+        bounds=(-_SIZES, _SIZES), method="bounded", options={"xatol": 0.02},
+    )  # fmt: skip
+    return float(fine.fun), 2.0 ** (float(fine.x) * way)
+
+
+def _snap(miss: Callable[[np.ndarray], float], octaves: np.ndarray, least: float) -> np.ndarray:
+    """Factors in octaves (n,), known ones where these leave about as little."""
+    nearest = _KNOWN[np.argmin(np.abs(octaves[:, None] - _KNOWN), axis=1)]
+    known = np.where(np.abs(octaves - nearest) < _ONE, nearest, octaves)
+    return octaves if is_clearly_less(least, miss(known), WORTH) else known
 
 
 def _scale(rows: Rows, octaves: np.ndarray) -> Rows:

@@ -22,7 +22,7 @@ _BODY = 0.5
 _OCTAVES, _LEFT, _ALIKE = np.arange(-12.0, 13.0, 2.0).tolist(), 0.05, 0.02
 #: Octaves by which a torque constant may look off, least and most; shares of what is left, that another one
 #: must remove to be sought, and that all must leave at most; share of a variance that they must remove.
-_NEAR, _FAR, _SOME, _CLEAR, _LEAST = 0.3, 2.0, 0.05, 0.3, 1e-3
+_NEAR, _FAR, _SOME, _CLEAR, _LEAST = 0.3, 2.5, 0.05, 0.3, 1e-3
 #: Turns of the search for a torque's signs.
 _TURNS = 20
 #: Least span of a position in mm that is a motion.
