@@ -444,4 +444,21 @@ def test_real_machines_are_believed(name):
         pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
     prepared = check(DATA / name)
     assert prepared.moving.all()
-    assert not any("at a limit" in note or "cut off" in note for note in prepared.notes)
+    assert not any(re.search("at a limit|cut off|times as large|times what", note) for note in prepared.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_real_machine_with_positions_of_another_scale_is_told(tmp_path, factor):
+    """Its balancer is not in the model."""
+    if not (DATA / "kr300").is_dir():
+        pytest.skip("needs kr300 in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
+    folder = shutil.copytree(DATA / "kr300", tmp_path / "kr300")
+
+    def scale(table):
+        moved = [name for name in table if name.startswith("q")]
+        return table.assign(**{name: factor * table[name] for name in moved})
+
+    change_runs(folder, scale)
+    told = re.search(r"positions (\S+) times as large fit better", " ".join(check(folder).notes))
+    assert told is not None and float(told[1]) == pytest.approx(1.0 / factor, rel=0.05)

@@ -313,6 +313,36 @@ def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_pa
     assert [float(one) for one in torques[1].split(", ")] == pytest.approx([1.0 / belt] * n, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("n", "mass", "factor"),
+    [(3, 2.0, 0.5), (4, 10.0, 2.0), slow(4, 0.5, 0.5), (3, 20.0, 1.0), slow(4, 1.0, 1.0)],
+)
+def test_a_scale_of_positions_is_noted_although_a_balancer_is_missing_in_the_model(tmp_path, n, mass, factor):
+    bench, weight = Bench(tmp_path, n, mass, size=0.45, seconds=20.0), mass * 0.3 * 9.81
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, mass, 0.3) + rub(v, 0.2 * weight, 0.2 * weight)
+        tau[:, 0] -= 0.45 * n * (n + 1) * weight * np.sin(q[:, 0])
+        tau[:, 1] += weight * np.sin(5.0 * q[:, 1])
+        return tau + rng.normal(0, 0.01 * weight, q.shape)
+
+    notes = bench.record(torque, position=lambda q, k: factor * q).accept("--position-unit", "rad")
+    told = re.search(r"positions (\S+) times as large fit better", " ".join(notes))
+    assert float(told[1] if told else 1.0) == pytest.approx(1.0 / factor, rel=0.05)
+
+
+def test_a_joint_that_a_balancer_carries_is_not_in_degrees(tmp_path):
+    bench, weight = Bench(tmp_path, 2, 3.0, size=0.7, seconds=20.0), 3.0 * 0.3 * 9.81
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, 3.0, 0.3) + rub(v, 0.2 * weight, 0.2 * weight)
+        tau[:, 0] -= 2.7 * weight * np.sin(q[:, 0])
+        tau[:, 1] += weight * np.sin(5.0 * q[:, 1])
+        return tau + rng.normal(0, 0.01 * weight, q.shape)
+
+    bench.record(torque).accept("--position-unit", "rad")
+
+
 def test_a_small_motion_tells_no_factor_of_positions_next_to_another_of_torques(tmp_path):
     bench = Bench(tmp_path, 1, 2.0, size=0.6, seconds=20.0)
     bench.record(

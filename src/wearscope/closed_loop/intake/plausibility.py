@@ -18,11 +18,12 @@ from wearscope.closed_loop.intake.lags import find_lag
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.products import DOUBTFUL, NONE
 from wearscope.closed_loop.intake.readings import Readings, find_reading
-from wearscope.closed_loop.intake.rough_model import fit_rough
+from wearscope.closed_loop.intake.scales import find_scale
 from wearscope.closed_loop.intake.signal_checks import check_signals
 from wearscope.closed_loop.intake.sizes import (
     find_constants,
     find_impossible_sizes,
+    free_misfit,
     needs_body,
     say_sizes,
     unfold,
@@ -278,7 +279,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
         heard = own.products.heard
         if not heard or np.median(left[k, heard]) <= _HOPELESS:
             continue
-        free = np.median([_free_misfit(own, j) for j in heard])
+        free = np.median([free_misfit(own, j) for j in heard])
         if free > _HOPELESS:
             told = (
                 f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "
@@ -303,17 +304,6 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray) -> None:
         prepared.notes.append(f"{told} of its column is better.")
 
 
-def _free_misfit(own: Rows, j: int) -> float:
-    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
-    at = own.counts[:, j]
-    y, q = own.tau[at, j], own.q[at, j]
-    centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)
-    smooth = [((q - centre) / half) ** k for k in range(5)]
-    x = np.column_stack([own.known[at, j], own.a[at, j], own.sign[at, j], own.v[at, j], *smooth])
-    left = y - x @ fit_rough([x], [y])
-    return float(np.sum(left**2) / np.sum((y - y.mean()) ** 2))
-
-
 def _note_body(prepared: Prepared, whole: Rows) -> None:
     """Readings that change no number: torques without friction, and bodies of which nothing is seen."""
     fit, joints = whole.products.fit(), prepared.dataset.joints
@@ -325,22 +315,29 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
             f"{', '.join(link)}: there is no friction to be seen in this torque, as behind the gear (link "
             'side); "torque: link" in dataset.yaml says so and changes no number.'
         )
+    scale = find_scale(whole, np.array([unit != "m" for unit in prepared.dataset.position_unit], dtype=float))
+    if scale != 1.0:
+        prepared.notes.append(
+            f"positions {scale:.3g} times as large fit better next to springs and torques of any size: gear "
+            "ratio, counts per turn or unit of the positions may be wrong."
+        )
     weight, lacks = find_missing_weight(whole)
     for j in whole.products.heard:
         if lacks[j]:
             prepared.notes.append(
                 f"{joints[j]}: the weight that the stated bodies have there, {weight[j]:.3g} on average, is "
                 'missing from this torque: gravity was taken out ("torque: without_gravity"), a balancer or '
-                "brake carries it, or the sensor was set to zero under load. Where it hardly varies, "
-                "the data do not tell which; record the drive's whole torque."
+                "brake carries it, the sensor was set to zero under load, or positions are of another "
+                "scale or zero. Where it hardly varies, the data do not tell which; record the drive's whole "
+                "torque."
             )
             continue
         small = (0.0 < factor[j] < _NO_BODY or without[j] < 1.1 * loose[j]) and without[j] < _DOUBTFUL
         if small and needs_body(whole, j):
             prepared.notes.append(
                 f"{joints[j]}: next to nothing of the rigid body is seen in this torque; likely causes: "
-                'gravity was taken out ("torque: without_gravity"), a balancer carries the body, or masses '
-                "are far too large."
+                'gravity was taken out ("torque: without_gravity"), a balancer carries the body, positions '
+                "are wrong (scale, zero), or masses are far too large."
             )
 
 

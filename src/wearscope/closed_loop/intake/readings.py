@@ -195,7 +195,9 @@ def _read_units(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
             if k:
                 name = f"q_{asked.joints[j]}"
                 told, code = f"column '{name}' looks like {unit}; convert it to {target}.", f"{unit} {name}"
-            yield Reading(told, (code,), (j,) if k else heard, read)
+            # Positions that hardly move are those of a body that a balancer carries.
+            if not k or rows.is_worth(read.total):
+                yield Reading(told, (code,), (j,) if k else heard, read)
 
 
 def _read_turned_positions(asked: Asked) -> Iterator[Reading]:

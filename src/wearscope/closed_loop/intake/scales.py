@@ -1,6 +1,7 @@
 """Readings of positions that go too far or not far enough: turns, angles before a gear, wrong degrees."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache, reduce
 
 import numpy as np
@@ -54,14 +55,16 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
         found += [_add_single(miss_plain, start, left, heard) for left, start in ((stated, none), *found)]
     least, octaves = reduce(lambda one, other: other if other[0] < one[0] - _PLAIN else one, found)
     tried = [(least, octaves, miss_plain)]
-    if not any_size:
+    # What one joint lacks may look like its gravity at another scale and size.
+    if len(heard) > 1 and not any_size:
         both, other = _refine(miss_sized, none, way, _OF_ALL)
         if is_clearly_less(both, least, DOUBTFUL):
             tried.insert(0, (both, other, miss_sized))
     for least, octaves, miss in tried:
         octaves = np.where(np.abs(octaves) < _ONE, 0.0, octaves)
         moved = np.flatnonzero(octaves)
-        clear = len(moved) and least <= _CLEAR * stated and few.is_worth(least, any_size)
+        clear = len(moved) and least <= _CLEAR * stated
+        clear = clear and few.is_worth(least, any_size or miss is miss_sized)
         if clear and is_told(miss, octaves, least):
             break
     else:
@@ -85,6 +88,22 @@ def read_scales(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
         told, codes = f"{told.rstrip('.')}; in addition, {more}", (*codes, *added)
         products = products.resize(size)
     yield Reading(told, codes, tuple(moved.tolist()), products)
+
+
+def find_scale(rows: Rows, way: np.ndarray) -> float:
+    """Factor of all positions along a way that torques of any size next to springs ask for; 1 for none."""
+    few, none = replace(rows.thin(_FEW), springs=True), np.zeros(rows.n)
+
+    def miss(octaves: np.ndarray) -> float:
+        return _size(_scale(few, octaves), way)[0]
+
+    stated = miss(none)
+    if stated < DOUBTFUL or np.sum(way[few.products.heard]) < 2:
+        return 1.0
+    least, octaves = _refine(miss, none, way, _OF_ALL)
+    if np.abs(octaves).max() < _ONE or least > _BETTER * min(map(miss, (none, octaves - way, octaves + way))):
+        return 1.0
+    return float(2.0 ** _snap(miss, octaves, least)[way > 0.0][0])
 
 
 def _size(rows: Rows, way: np.ndarray) -> tuple[float, np.ndarray]:

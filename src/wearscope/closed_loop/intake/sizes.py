@@ -8,6 +8,7 @@ from scipy import optimize
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.joint_fit import Rows
 from wearscope.closed_loop.intake.products import NONE, Products
+from wearscope.closed_loop.intake.rough_model import fit_rough
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Torque over need beyond which a factor is no error of the model.
@@ -189,6 +190,17 @@ def needs_body(whole: Rows, j: int) -> bool:
     at = whole.counts[:, j]
     own = [np.ones(at.sum()), whole.a[at, j], whole.sign[at, j], whole.v[at, j]]
     return bool(leave(whole.known[at, j], own).std() > 0.5 * whole.tau[at, j].std())
+
+
+def free_misfit(own: Rows, j: int) -> float:
+    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
+    at = own.counts[:, j]
+    y, q = own.tau[at, j], own.q[at, j]
+    centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)
+    smooth = [((q - centre) / half) ** k for k in range(5)]
+    x = np.column_stack([own.known[at, j], own.a[at, j], own.sign[at, j], own.v[at, j], *smooth])
+    left = y - x @ fit_rough([x], [y])
+    return float(np.sum(left**2) / np.sum((y - y.mean()) ** 2))
 
 
 def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
