@@ -155,6 +155,22 @@ def test_motor_side_currents_and_signed_gears(truth, tmp_path):
     np.testing.assert_allclose(whole(converted)["qd_axis_3"][:300], qd[:300, 2], atol=1e-9)
 
 
+@pytest.mark.parametrize(("name", "gear"), [("motor{}_pos", GEAR), ("q_motor_{}", [9.0] * 6)])
+def test_angles_named_as_a_motors_are_no_degrees_without_a_word(truth, tmp_path, name, gear):
+    t, q, _, tau = truth
+    frame = pd.DataFrame({"t": t})
+    for k in range(6):
+        frame[name.format(k)], frame[f"tau_{k}"] = 3.0 * q[:, k] * gear[k], tau[:, k]
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match="named as a motor's; give --side motor and --gear-ratio"):
+        convert(tmp_path / "log.csv")
+    taken = convert(tmp_path / "log.csv", side="motor", gear_ratio=gear)
+    np.testing.assert_allclose(whole(taken)["q_axis_1"][:300], 3.0 * q[:300, 0], rtol=1e-7)
+    taken = convert(tmp_path / "log.csv", position_units=["deg"])
+    want = np.radians(3.0 * q[:300, 0] * gear[0])
+    np.testing.assert_allclose(whole(taken)["q_axis_1"][:300], want, rtol=1e-7)
+
+
 def test_measured_values_before_commanded_ones(truth, tmp_path):
     frame = table(truth, "t", "actual_q_{}", "actual_current_{}", first=0)
     for k in range(6):

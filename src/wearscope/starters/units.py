@@ -11,7 +11,7 @@ import pandas as pd
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint
-from wearscope.starters.columns import SHARES, Group
+from wearscope.starters.columns import SHARES, Group, split_name
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.groups import choose_groups
 from wearscope.starters.mapped import Mapped
@@ -58,7 +58,7 @@ def choose_units(
                 return units
             values = frame[[group["position"].columns[k] for k in own]]
             size = values.apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
-            small.append(_are_small(size, [ordered[k] for k in own], scale))
+            small.append(_are_small(file, group["position"], size, [ordered[k] for k in own], scale))
             largest.append(float(np.abs(size).max(initial=0.0)))
         if all(small) or not any(small):
             continue
@@ -116,7 +116,7 @@ def position_unit(
                 "are; give --counts-per-turn (with --side motor those of a motor's turn), or "
                 f"--position-unit {scale.small}."
             )
-        small = mapped.side == "joint" and _are_small(part, [ordered[k] for k in own], scale)
+        small = mapped.side == "joint" and _are_small(file, group, part, [ordered[k] for k in own], scale)
         unit[own] = scale.factor if small else 1.0
         taken.append(f"{scale.small}, by their size (else --side motor)" if small else scale.base)
     if taken:
@@ -124,18 +124,20 @@ def position_unit(
     return unit
 
 
-def _are_small(values: Array, ordered: Sequence[Joint], scale: _Scale) -> bool:
-    if not values.size:
-        return False
-    if np.abs(values).max() > scale.farthest:
-        return True
-    for k, joint in enumerate(ordered):
-        limit = max(abs(joint.lower), abs(joint.upper))
-        farthest = float(np.abs(values[:, k]).max())
-        most = _BEYOND * limit
-        if 0.0 < limit < OPEN_LIMIT and farthest > 2.0 * most and farthest * scale.factor <= most:
-            return True
-    return False
+def _are_small(file: Path, group: Group, values: Array, ordered: Sequence[Joint], scale: _Scale) -> bool:
+    farthest = np.abs(values).max(axis=0, initial=0.0)
+    limits = [max(abs(joint.lower), abs(joint.upper)) for joint in ordered]
+    small = farthest.max() > scale.farthest or any(
+        0.0 < limit < OPEN_LIMIT and one > 2.0 * _BEYOND * limit and one * scale.factor <= _BEYOND * limit
+        for one, limit in zip(farthest, limits, strict=True)
+    )
+    marks = {word for column in group.columns for word in split_name(column)}
+    if small and "motor" in marks and not any("motor" in split_name(joint.name) for joint in ordered):
+        raise InputError(
+            f"{file}: its positions reach {farthest.max():.3g} and are named as a motor's; give --side motor "
+            f"and --gear-ratio, or where they are those of the joint, --position-unit {scale.small}."
+        )
+    return bool(small)
 
 
 def unwrap_counts(counts: Array) -> Array:
