@@ -364,9 +364,10 @@ def test_gravity_that_a_controllers_own_model_took_out_is_told(tmp_path, off, kn
     )
 
 
-@pytest.mark.parametrize("weight", [0.0, MASS * GRAVITY])
-def test_a_constant_weight_that_is_missing_is_told(tmp_path, weight):
-    """On a vertical slide it is an offset, which a fit has at any size."""
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
+    """On a vertical slide it is an offset, which a fit has at any size; what is there of it is said."""
+    weight = share * MASS * GRAVITY
     folder = swing(tmp_path / "p", 1.0)
     slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)
     (folder / "robot.urdf").write_text(slide)
@@ -377,7 +378,12 @@ def test_a_constant_weight_that_is_missing_is_told(tmp_path, weight):
 
     change_runs(folder, lift)
     change_fields(folder, lambda fields: fields.update(units={"q": "m", "tau": "N"}))
-    assert any("is missing from this torque" in note for note in check(folder).notes) == (weight == 0.0)
+    told = [note for note in check(folder).notes if "of the weight that the stated bodies have" in note]
+    assert bool(told) == (share < 0.5)
+    if told:
+        stated, has = re.search(r"there, (\S+) N on average, this torque has (\S+) N", told[0]).groups()
+        assert float(stated) == pytest.approx(MASS * GRAVITY, rel=0.01)
+        assert float(has) == pytest.approx(weight, abs=0.02 * MASS * GRAVITY)
 
 
 @pytest.mark.parametrize("share", [0.03, slow(0.1)])

@@ -14,7 +14,7 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.checking.own_code import make_batch
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.starters.columns import find_time
+from wearscope.starters.columns import find_groups, find_time
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.held import find_hold
@@ -204,6 +204,27 @@ def test_joint_states_go_by_the_names_next_to_them(truth, tmp_path, lists):
         )
         frame.to_parquet(tmp_path / "log.parquet")
         assert_same(convert(tmp_path / "log.parquet", joints=names), truth)
+
+
+@pytest.mark.parametrize("stated", [{}, {"position": "m[*].q", "torque": "m[*].tauEst", "velocity": "none"}])
+def test_a_part_of_the_joints_has_the_numbers_that_it_has_among_all(truth, tmp_path, stated):
+    t, q, _, tau = truth
+    frame = pd.DataFrame({"tick": np.arange(len(t)) * 4})
+    for k in range(6):
+        frame[f"m[{k}].q"], frame[f"m[{k}].tauEst"] = q[:, k], tau[:, k]
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    read = whole(convert(tmp_path / "log.csv", joints=["axis_5", "axis_2"], patterns=stated))
+    for j in (4, 1):
+        np.testing.assert_allclose(read[f"q_axis_{j + 1}"][:300], q[:300, j], atol=1e-9)
+        np.testing.assert_allclose(read[f"tau_axis_{j + 1}"][:300], tau[:300, j], atol=1e-9)
+
+
+def test_what_is_fed_back_is_measured_and_a_reference_is_not():
+    columns = [f"{one}_joint_{k}" for one in ("ref", "fdb") for k in (1, 2)]
+    assert find_groups(columns, ["joint_1", "joint_2"], "position")[0].columns == (
+        "fdb_joint_1",
+        "fdb_joint_2",
+    )
 
 
 def test_seconds_and_nanoseconds_of_a_german_recorder():

@@ -602,6 +602,9 @@ def test_a_torque_that_does_not_count(tmp_path):
     found = diagnose(tmp_path / "d")
     assert found.verdict["torque"] == {"j1": "motor", "j2": "none"}
     assert found.verdict["verdict"] == []
+    assert [note for note in found.verdict["notes"] if "j2" in note] == [
+        "j2: torque does not count, as 'torque: none' says."
+    ]
     file.write_text(file.read_text().replace("{j2: none}", "none"))
     assert any("'none' at every joint" in one for one in check_dataset(tmp_path / "d").problems)
 

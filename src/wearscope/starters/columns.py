@@ -34,7 +34,7 @@ _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
 #: Beginnings and ends that are written together with a kind: jointpos, lageistwert.
 _BEFORE, _AFTER = ("joint", "jnt", "axis", "motor", "actuator"), {"istwert": "ist", "sollwert": "soll"}
-_ACTUAL = set("actual act measured meas msr fbk fb feedback real ist ai".split())
+_ACTUAL = set("actual act measured meas msr fbk fdb fb feedback real ist ai".split())
 _TARGET = set(
     "target desired des d cmd command commanded ref reference setpoint set goal plan planned soll consigne "
     "action computed calculated predicted".split()
@@ -219,7 +219,9 @@ def _remove(words: Sequence[str], part: Sequence[str]) -> list[str]:
     return list(words)
 
 
-def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> list[Group]:
+def find_groups(
+    columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
+) -> list[Group]:
     """Complete sets of columns of a kind, the likeliest first.
 
     Parameters
@@ -227,6 +229,8 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     columns, joints : sequence of str
     kind : str
         Of `KINDS`, or a servo's duty, volts or on.
+    movable : sequence of str
+        All that move, where columns may be numbered by them and `joints` are a part.
 
     Returns
     -------
@@ -254,10 +258,17 @@ def find_groups(columns: Sequence[str], joints: Sequence[str], kind: str) -> lis
     if not found:
         # Of a joint that slides the torque is a force.
         found = _complete(_merge(by_number), _merge(by_name), len(joints))
+    if not found and set(joints) < set(movable):
+        return [_pick(one, joints, movable) for one in find_groups(columns, movable, kind)]
     if kind == "position" and not found:
         return [Group(kind, one.columns) for one in find_groups(columns, joints, "bare")]
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
     return [Group(kind, chosen) for chosen in ranked]
+
+
+def _pick(whole: Group, joints: Sequence[str], movable: Sequence[str]) -> Group:
+    """The columns of some of the joints that move."""
+    return Group(whole.kind, tuple(whole.columns[movable.index(joint)] for joint in joints))
 
 
 def _merge(taken: _Taken) -> _Taken:
@@ -344,8 +355,10 @@ def _rank(words: Sequence[str], kind: str) -> int:
     return 4 * bool(marks & _OTHER) + worse - bool(marks & _ACTUAL)
 
 
-def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str) -> Group:
-    """Columns of a pattern in which ``*`` is the joint's name or number.
+def match_pattern(
+    pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
+) -> Group:
+    """Columns of a pattern in which ``*`` is the joint's name or number, that among all that move if it fits.
 
     Raises
     ------
@@ -361,10 +374,11 @@ def match_pattern(pattern: str, columns: Sequence[str], joints: Sequence[str], k
             f"'actual_q_*', nor a column for each of {', '.join(joints)}, with commas between them; the "
             f"columns are {', '.join(columns[:30])}."
         )
-    for parts in (joints, [str(k) for k in range(len(joints))], [str(k + 1) for k in range(len(joints))]):
-        chosen = tuple(pattern.replace("*", part) for part in parts)
-        if all(one in columns for one in chosen):
-            return Group(kind, chosen)
+    for some in (movable, joints) if set(joints) < set(movable) else (joints,):
+        for parts in (some, [str(k) for k in range(len(some))], [str(k + 1) for k in range(len(some))]):
+            chosen = Group(kind, tuple(pattern.replace("*", part) for part in parts))
+            if set(chosen.columns) <= set(columns):
+                return _pick(chosen, joints, some)
     literal = pattern.replace("[", "[[]")
     near = [column for column in columns if fnmatch.fnmatchcase(column, literal)]
     told = f"it fits {', '.join(near[:8])}" if near else f"the columns are {', '.join(columns[:30])}"
@@ -389,7 +403,8 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
     exact = [c for c, w in words.items() if w and (w[0] in _TIME or w[0] in _SECONDS) and len(w) <= 2]
     loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
     last = [c for c, w in words.items() if w[-1:] == ["t"]]
-    return tuple([*exact, *loose, *last][:1])
+    ticks = [c for c, w in words.items() if set(w) & {"tick", "ticks"}]
+    return tuple([*exact, *loose, *last, *ticks][:1])
 
 
 def says_time(name: str) -> bool:

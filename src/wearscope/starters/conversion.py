@@ -72,7 +72,8 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
         Where something cannot be read, found or guessed; the sentence names the option that says it.
     """
     tree = parse_urdf(urdf)
-    joints = list(mapped.joints) or movable_joints(tree)
+    mapped = replace(mapped, movable=movable_joints(tree))
+    joints = list(mapped.joints) or list(mapped.movable)
     known = {joint.name: joint for joint in tree.joints}
     for name in joints:
         if name not in known:

@@ -27,9 +27,9 @@ def choose_groups(
         if mapped.patterns.get(kind) == NONE:
             continue
         if kind in mapped.patterns:
-            groups[kind] = match_pattern(mapped.patterns[kind], columns, joints, kind)
+            groups[kind] = match_pattern(mapped.patterns[kind], columns, joints, kind, mapped.movable)
             continue
-        found = find_groups(columns, joints, kind)
+        found = find_groups(columns, joints, kind, mapped.movable)
         if found and not (kind != "position" and is_commanded(found[0])):
             groups[kind] = found[0]
     told = f"the columns are {', '.join(columns[:30])}"
@@ -47,7 +47,9 @@ def choose_groups(
     if mapped.servo is not None:
         groups.pop("torque", None)
         groups.pop("current", None)
-        return groups | choose_servo_groups(file, columns, joints, mapped.servo, mapped.patterns)
+        return groups | choose_servo_groups(
+            file, columns, joints, mapped.servo, mapped.patterns, mapped.movable
+        )
     if mapped.patterns.get("current", NONE) != NONE:
         groups.pop("torque", None)
     if "torque" in groups:

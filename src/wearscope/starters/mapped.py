@@ -16,6 +16,8 @@ class Mapped:
     ----------
     joints : sequence of str
         All that the URDF moves where empty.
+    movable : sequence of str
+        All that the URDF moves: columns may be numbered by them.
     patterns : mapping of str to str
         By kind: columns, with ``*`` for the joint.
     time, time_unit, topic : str or None
@@ -55,6 +57,7 @@ class Mapped:
     """
 
     joints: Sequence[str] = ()
+    movable: Sequence[str] = ()
     patterns: Mapping[str, str] = field(default_factory=dict)
     time: str | None = None
     time_unit: str | None = None

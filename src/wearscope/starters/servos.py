@@ -62,7 +62,12 @@ def read_servo_option(text: str) -> ServoFields:
 
 
 def choose_servo_groups(
-    file: Path, columns: Sequence[str], joints: Sequence[str], servo: ServoFields, patterns: Mapping[str, str]
+    file: Path,
+    columns: Sequence[str],
+    joints: Sequence[str],
+    servo: ServoFields,
+    patterns: Mapping[str, str],
+    movable: Sequence[str] = (),
 ) -> dict[str, Group]:
     """Columns of a servo's goal, duty, current, supply and switch, by kind.
 
@@ -73,6 +78,8 @@ def choose_servo_groups(
     servo : ServoFields
     patterns : mapping of str to str
         By kind, as the user names them.
+    movable : sequence of str
+        As of `find_groups`.
 
     Raises
     ------
@@ -82,9 +89,9 @@ def choose_servo_groups(
     groups = {}
     for kind in (*COLUMNS[servo.law], *_OPTIONAL[servo.law]):
         if kind in patterns:
-            groups[kind] = match_pattern(patterns[kind], columns, joints, kind)
+            groups[kind] = match_pattern(patterns[kind], columns, joints, kind, movable)
             continue
-        found = find_groups(columns, joints, "position" if kind == "goal" else kind)
+        found = find_groups(columns, joints, "position" if kind == "goal" else kind, movable)
         found = [one for one in found if is_commanded(one) == (kind == "goal")]
         if found:
             groups[kind] = Group(kind, found[0].columns)

@@ -318,6 +318,9 @@ def clean_run(
     # A wrong position of one joint makes the rigid-body torque of all of them wrong.
     faulty = np.repeat(odd_position[:, None], len(joints), axis=1)
     for j, joint in enumerate(joints):
+        if run.off is not None and run.off[:, j].all():
+            faulty[:, j] = True
+            continue
         odd, told = _clean_torque(cleaned, j, joint, where, accepted)
         faulty[:, j] |= odd
         notes += told

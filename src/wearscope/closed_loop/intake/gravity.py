@@ -41,7 +41,7 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
     wrong = is_clearly_less(read.total, rows.products.total, WORTH) and rows.is_worth(read.total)
     seen = is_clearly_less(read.total, rows.products.any_size, DOUBTFUL)
     light = wrong and not seen
-    weight, lacks = find_missing_weight(rows)
+    weight, lacks, _ = find_missing_weight(rows)
     shown = seen and np.sum(lacks) > 1 and bool(np.all(lacks[weight != 0.0]))
     shown = shown and rows.rivals_springs(read.total)
     told = (
@@ -62,21 +62,22 @@ def read_gravity(asked: Asked, heard: tuple[int, ...]) -> Iterator[Reading]:
         )
 
 
-def find_missing_weight(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-    """Mean torque of gravity (n,), 0 where it is small, and where the torque lacks it.
+def find_missing_weight(rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean torque of gravity (n,), 0 where it is small, where the torque lacks it, and what it has of it.
 
     A fit does not see it, as offsets have any size.
     """
     gravities = _list_gravities(rows)
-    weight, lacks = np.zeros(rows.n), np.zeros(rows.n, dtype=bool)
+    weight, lacks, has = np.zeros(rows.n), np.zeros(rows.n, dtype=bool), np.zeros(rows.n)
     for j in rows.products.heard:
         at = rows.counts[:, j]
         x = np.column_stack([np.ones(at.sum()), rows.sign[at, j], rows.v[at, j], rows.a[at, j]])
         offset = np.linalg.lstsq(x, rows.tau[at, j] - rows.known[at, j], rcond=None)[0][0]
         means = np.array([one[at, j].mean() for one in gravities])
         if abs(means[0]) > _WEIGHS * rows.products.scale[j]:
-            weight[j], lacks[j] = means[0], np.any(np.abs(offset + means) < _LACKS * np.abs(means))
-    return weight, lacks
+            weight[j], has[j] = means[0], means[0] + offset
+            lacks[j] = np.any(np.abs(offset + means) < _LACKS * np.abs(means))
+    return weight, lacks, has
 
 
 def _list_gravities(rows: Rows) -> list[np.ndarray]:

@@ -110,7 +110,8 @@ def ask_runs(prepared: Prepared) -> Rows:
         quiet = _torque_spread(run) <= _QUIET * usual
         if quiet.any():
             left = every.pick(own).products.fit_sizes()[1]
-            for j in np.flatnonzero(quiet & ~(left < _IDLE)).tolist():
+            counts = every.counts[own].any(axis=0)
+            for j in np.flatnonzero(quiet & counts & ~(left < _IDLE)).tolist():
                 every.counts[own, j] = False
                 if np.ptp(run.signals.q[:, j]) > 0.0:
                     prepared.notes.append(
@@ -321,12 +322,14 @@ def _note_body(prepared: Prepared, whole: Rows) -> None:
             f"positions {scale:.3g} times as large fit better next to springs and torques of any size: gear "
             "ratio, counts per turn or unit of the positions may be wrong."
         )
-    weight, lacks = find_missing_weight(whole)
+    weight, lacks, has = find_missing_weight(whole)
     for j in whole.products.heard:
-        if lacks[j]:
+        if lacks[j] and fit.left[j] < _UNJUDGED:
+            unit = prepared.dataset.torque_unit[j]
             prepared.notes.append(
-                f"{joints[j]}: the weight that the stated bodies have there, {weight[j]:.3g} on average, is "
-                'missing from this torque: gravity was taken out ("torque: without_gravity"), a balancer or '
+                f"{joints[j]}: of the weight that the stated bodies have there, {weight[j]:.3g} {unit} on "
+                f"average, this torque has {has[j]:.3g} {unit}: "
+                'gravity was taken out ("torque: without_gravity"), a balancer or '
                 "brake carries it, the sensor was set to zero under load, or positions are of another "
                 "scale or zero. Where it hardly varies, the data do not tell which; record the drive's whole "
                 "torque."

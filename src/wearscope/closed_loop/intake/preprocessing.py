@@ -150,7 +150,7 @@ def bridge_gaps(
             for x in (guess, run.v)
         )
         clipped = find_clipped(source.run.tau, predicted, v, limits) & ~run.slow.all(axis=0)
-        for j in map(int, np.flatnonzero(clipped.any(axis=0))):
+        for j in map(int, np.flatnonzero(clipped.any(axis=0) & ~source.faulty.all(axis=0))):
             notes.append(
                 f"{source.run.label}: tau_{dataset.joints[j]} is at a limit in {int(clipped[:, j].sum())} "
                 "rows; they do not count."

@@ -206,11 +206,13 @@ def leave_out_rest(
             )
     counted = np.array([reading != "none" for reading in dataset.fields.readings().values()])
     moving = largest > max(_LEAST_MOTION, _MOVES * largest.max())
-    for joint, moves, counts in zip(dataset.joints, moving, counted, strict=True):
-        if not counts:
-            notes.append(f"joint {joint}: its torque does not count, as 'torque: none' says.")
-        elif not moves:
-            notes.append(f"joint {joint} does not move in the train runs; its friction stays undetermined.")
+    for some, told in (
+        (~counted, "torque does not count, as 'torque: none' says"),
+        (counted & ~moving, "no motion in the train runs; friction there stays undetermined"),
+    ):
+        if some.any():
+            named = ", ".join(np.array(dataset.joints)[some])
+            notes.append(f"{named}: {told}.")
     return kept, MovingJoints(moving & counted, _find_top_speeds(kept, dataset.fields.sample_rate))
 
 
