@@ -46,3 +46,18 @@ def test_no_other_difference_is_a_load(tell, carry, kind):
 def test_a_load_that_differs_is_a_note_of_the_verdict(record, carry):
     found = diagnose(record(runs=4, duration=8.0, extra_torque=carry([0.0, 1.5, 0.0, 1.5]), seed=31))
     assert any(note.startswith("the load differs between runs") for note in found.verdict["notes"])
+
+
+@pytest.mark.parametrize("more", [0.0, 4.0])
+def test_a_coefficient_by_a_load_that_is_not_stated_says_so(record, carry, more):
+    planted = [(0, "load_dependent_friction", {"coefficient": 0.3})]
+    folder = record(planted, runs=4, duration=8.0, extra_torque=carry([more] * 4), seed=33)
+    verdict = diagnose(folder).verdict
+    assert ("a", "load_dependent_friction") in {(e["joint"], e["effect"]) for e in verdict["verdict"]}
+    told = [note for note in verdict["notes"] if "load_dependent_friction is fitted" in note]
+    assert len(told) == (more > 0.0)
+    if told:
+        assert told[0].startswith("a: ")
+        times = float(re.search(r"load is ([\d.]+) times", told[0])[1])
+        # 4 kg at 0.75 m in addition to 12, 6 and 3 kg at 0.2, 0.6 and 0.75 m.
+        assert 1.2 < times < 1.6

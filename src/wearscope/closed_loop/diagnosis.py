@@ -12,7 +12,7 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
-from wearscope.closed_loop.diagnostics.loads import tell_loads
+from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
@@ -237,6 +237,7 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     limits = find_limits(search, determined)
     notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
+    notes += tell_other_loads(after, here)
     suspicions = tell_suspected(answer.suspected)
     notes += [f"{prepared.dataset.joints[j]}: {told}." for j, told in suspicions.items()]
     notes += [one.describe(prepared.dataset.joints) for one in impossible]

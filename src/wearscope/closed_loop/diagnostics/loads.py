@@ -1,4 +1,4 @@
-"""A load that differs between runs, which a model holds to be as it is declared in all of them."""
+"""A load that is not as declared: in some runs only, or in all, where an effect depends on it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,12 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque
 from wearscope.closed_loop.model.prediction import Predicted
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import PayloadEffect
 from wearscope.effects.vocabulary import session_effects
 
 #: Share of what is left, over all joints, that loads by run explain at least.
 _MOST = 0.5
+#: Share by which a corrected load differs from the stated one, from which its coefficients are wrong.
+_OTHER = 0.1
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
 
@@ -55,6 +60,34 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
         each = ", ".join(f"{file} {m:+.2g} kg" for file, m in zip(files, mass, strict=True))
         told += f" (mass against the model's: {each})"
     return [f"{told}; declare each run's payload, or leave out the runs with another load."]
+
+
+def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
+    """A sentence on each coefficient by the load where the corrected model has another load than stated.
+
+    Parameters
+    ----------
+    after : Regression
+        The corrected model.
+    terms : sequence of ModelTerm
+        Its names.
+    """
+    theta, runs = after.solve(), after.prepared.runs_for("train")
+    told = []
+    for term in terms:
+        effect, j = term.effect, term.joint
+        if effect.spread or effect.empirical or "load_{joint}" not in effect.depends_on:
+            continue
+        pairs = [(run.signals.load[:, j], rigid_link_torque(after, theta, run.signals)[:, j]) for run in runs]
+        stated, corrected = (float(np.mean(np.abs(np.concatenate(x)))) for x in zip(*pairs, strict=True))
+        if abs(corrected - stated) > _OTHER * stated:
+            joint, times = after.prepared.dataset.joints[j], corrected / max(stated, 1e-300)
+            told.append(
+                f"{joint}: {effect.name} is fitted to the load of the stated bodies. The corrected model's "
+                f"load is {times:.2g} times as large, so that the coefficient is wrong. State the payload or "
+                "the masses, and diagnose again."
+            )
+    return told
 
 
 def _gather(
