@@ -110,8 +110,7 @@ def ask_runs(prepared: Prepared) -> Rows:
         quiet = _torque_spread(run) <= _QUIET * usual
         if quiet.any():
             left = every.pick(own).products.fit_sizes()[1]
-            counts = every.counts[own].any(axis=0)
-            for j in np.flatnonzero(quiet & counts & ~(left < _IDLE)).tolist():
+            for j in np.flatnonzero(quiet & prepared.moving & ~(left < _IDLE)).tolist():
                 every.counts[own, j] = False
                 if np.ptp(run.signals.q[:, j]) > 0.0:
                     prepared.notes.append(
