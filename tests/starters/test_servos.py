@@ -126,10 +126,11 @@ def test_a_law_whose_column_is_not_found_gets_one_sentence(lost, option, told, t
 JOINTS = ["shoulder", "elbow"]
 
 
-def write_lerobot(folder, with_effort=True, layout="v3.0"):
+def write_lerobot(folder, with_effort=True, layout="v3.0", size=1.0):
     """Two episodes of two joints; in format 3 in one file, in format 2 in a file each."""
     count, rng = 400, np.random.default_rng(5)
     state, effort, goal = rng.normal(size=(3, 2 * count, 2)).astype(np.float32)
+    state *= np.float32(size)
     t = np.arange(count, dtype=np.float32) / 50
     columns = {
         "observation.state": state, "action": goal, "observation.effort": effort,
@@ -174,6 +175,16 @@ def test_lerobot_episodes_become_runs(layout, tmp_path):
         for j, joint in enumerate(JOINTS):
             np.testing.assert_array_equal(run.frame[f"q_{joint}"], state[k, :, j])
             np.testing.assert_array_equal(run.frame[f"tau_{joint}"], effort[k, :, j])
+
+
+@pytest.mark.parametrize(("size", "doubted"), [(1.0, False), (25.0, True), (60.0, False)])
+def test_lerobot_positions_that_may_be_per_cent_are_doubted(tmp_path, size, doubted):
+    state, _, _ = write_lerobot(tmp_path / "set", size=size)
+    converted = convert_recordings([tmp_path / "set"], write_urdf(tmp_path, JOINTS), Mapped())
+    told = [note for note in converted.notes if "use_degrees" in note]
+    assert len(told) == doubted
+    if doubted:
+        assert f"no position exceeds {np.abs(state).max():.4g}" in told[0]
 
 
 def test_lerobot_without_effort_needs_a_servo(tmp_path):

@@ -1,5 +1,6 @@
 """Data sets of LeRobot: ``meta/info.json`` and Parquet files with a row a frame, one run an episode."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +27,8 @@ _FEATURES = {
 }
 #: Ends of names of single values, as ``shoulder.pos``, and their kinds.
 _ENDS = {"pos": "position", "vel": "velocity", "torque": "effort", "effort": "effort", "current": "current"}
+#: Largest position in per cent of a joint's range.
+_PER_CENT = 100.0
 _MEASURED = {"effort", "current", "load"}
 
 
@@ -108,6 +111,19 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
     if len(numbers) > limits.RUNS:
         raise InputError(f"{path}: has more than {limits.RUNS} episodes; download fewer of them.")
     return [(f"episode_{number:06d}", frame[episode == number].reset_index(drop=True)) for number in numbers]
+
+
+def doubt_angles(path: Path, episodes: Sequence[tuple[str, pd.DataFrame]]) -> list[str]:
+    """A note where the positions of a data set may be per cent of the joints' ranges and no angles."""
+    largest = max(
+        float(frame.filter(regex=r"\.position$").abs().max(axis=None)) for _, frame in episodes if len(frame)
+    )
+    if not 4.0 * np.pi < largest <= _PER_CENT:
+        return []
+    return [
+        f"{path.name}: no position exceeds {largest:.4g}. LeRobot records per cent of each joint's range "
+        "where use_degrees is false, which are no angles; record with use_degrees=true then."
+    ]
 
 
 def _read_features(path: Path) -> dict[str, _Feature]:

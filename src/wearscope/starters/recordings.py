@@ -21,7 +21,7 @@ from wearscope.extras import need
 from wearscope.files import check_plain
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.processes import bound_memory
-from wearscope.starters.lerobot import is_lerobot, read_lerobot
+from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states
 from wearscope.starters.text_files import read_text
 from wearscope.tables import check_unpacked, to_frame
@@ -153,8 +153,10 @@ def open_recordings(
         if is_lerobot(file):
             with bound_memory(file):
                 episodes = read_lerobot(file, servo)
+            told = doubt_angles(file, episodes)
             for name, frame in episodes:
-                yield file / name, frame, []
+                yield file / name, frame, told
+                told = []
         else:
             frame, told = read_recording(file, topic)
             yield file, spread_states(frame), told
