@@ -2,9 +2,11 @@
 
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -610,6 +612,21 @@ def test_a_torque_that_does_not_count(tmp_path):
 
 
 DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def test_friction_of_an_axis_without_its_sign_is_told(tmp_path):
+    place = DATA / "emps"
+    if not place.is_dir():
+        pytest.skip("needs emps in WEARSCOPE_DATA or ../shared/data")
+    folder = Path(shutil.copytree(place, tmp_path / "d", copy_function=shutil.copyfile))
+    folder.chmod(0o755)
+    (folder / "runs").chmod(0o755)
+    for file in (folder / "runs").glob("*.parquet"):
+        table = pd.read_parquet(file)
+        table["tau_slide"] = table["tau_slide"].abs()
+        table.to_parquet(file)
+    (problem,) = check_dataset(folder).problems
+    assert "'tau_slide' is never negative, as a torque without sign" in problem
 
 
 def test_a_double_pendulum_with_an_idle_joint_is_taken(tmp_path):

@@ -84,8 +84,8 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
             joint, times = after.prepared.dataset.joints[j], corrected / max(stated, 1e-300)
             told.append(
                 f"{joint}: {effect.name} is fitted to the load of the stated bodies. The corrected model's "
-                f"load is {times:.2g} times as large, so that the coefficient is wrong. State the payload or "
-                "the masses, and diagnose again."
+                f"load is {times:.2g} times as large, and the coefficient may be wrong by that factor. State "
+                "the payload or the masses, and diagnose again."
             )
     return told
 

@@ -143,7 +143,8 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
     if np.nanmax(left) > _DOUBTFUL and np.all(lowest[heard] >= 0.0):
         # A load may keep a torque on one side of zero.
         gains = {f"tau_{joints[j]}": unfold(whole, j) for j in heard}
-        if folded := [name for name, gain in gains.items() if gain < _FOLDED]:
+        most = np.where(left[list(heard)] > _HOPELESS, 1.0, _FOLDED)
+        if folded := [name for (name, gain), one in zip(gains.items(), most, strict=True) if gain < one]:
             verb, one = ("are", "torques") if len(folded) > 1 else ("is", "a torque")
             told = f"{say_columns(folded)} {verb} never negative, as {one} without sign; record the torque"
             prepared.refuse(str(prepared.dataset.folder), f"{told} with its sign.", "unsigned tau")
