@@ -157,16 +157,18 @@ def pose_problem(folder: Path, own=()) -> Problem:
 
 @pytest.fixture
 def carry():
-    """Torque of a further load [kg] in the hand, run by run."""
+    """Torque of a further load [kg] in the hand, run by run, and of friction as a share of `a`'s load."""
 
-    def make(masses):
+    def make(masses, friction=0.0):
         given = iter(masses)
         declared = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=PAYLOAD)
 
         def torque(t, q, v, a, rng):
             load = Payload(PAYLOAD.mass + next(given), PAYLOAD.com)
-            heavier = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=load)
-            return heavier.inverse_dynamics(q, v, a) - declared.inverse_dynamics(q, v, a)
+            heavier = RigidBody(normalise_urdf(URDF, JOINTS), JOINTS, payload=load).inverse_dynamics(q, v, a)
+            added = heavier - declared.inverse_dynamics(q, v, a)
+            added[:, 0] += friction * np.abs(heavier[:, 0]) * np.sign(v[:, 0])
+            return added
 
         return torque
 

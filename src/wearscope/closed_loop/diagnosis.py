@@ -12,7 +12,7 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
-from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads
+from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
@@ -24,6 +24,7 @@ from wearscope.closed_loop.model.declared import fit_declared, fit_declared_mode
 from wearscope.closed_loop.model.delays import move_by_delays, undo_shifts
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_common, take_out_state
+from wearscope.closed_loop.model.loads import find_other_loads, take_loads
 from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
@@ -43,6 +44,8 @@ from wearscope.closed_loop.verdict import make_verdict
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.
 _FAR = 0.1
+#: Times that the search starts again with another load.
+_LOADS = 3
 #: Quantile of a normal distribution that 5 % exceed.
 _ONE_SIDED = 1.645
 
@@ -145,12 +148,44 @@ def diagnose(
         progress(f"{len(events)} short events are left: the search starts again without their rows")
         prepared = problem.prepared
         calm = leave_out(prepared.runs, events, prepared.dataset.joints)
-        search.start_over(Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late))
+        problem = Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late)
+        search.start_over(problem)
         again = conclude(search, find_terms(search), late)
         if not explains_as_well(found, again):
             return found
         # What a model with the events' rows hid, one without them may show.
         found = replace(again, events=events + list_events(again))
+    return correct_loads(search, problem, found, late)
+
+
+def correct_loads(
+    search: Search, problem: Problem, found: Diagnosis, late: Sequence[Attribution]
+) -> Diagnosis:
+    """The diagnosis whose effects are fitted to the load of its own corrected bodies.
+
+    The search starts again along that load until it stays, and ends where a model explains the runs worse.
+
+    Parameters
+    ----------
+    search : Search
+    problem : Problem
+        What it started with.
+    found : Diagnosis
+    late : sequence of Attribution
+        Delays that were found before.
+    """
+    for _ in range(_LOADS):
+        others = find_other_loads(found.after, [a.term for a in found.attributions if a.kept])
+        if not others:
+            break
+        names = ", ".join(found.prepared.dataset.joints[term.joint] for term in others)
+        search.progress(f"{names}: the search starts again with the corrected bodies' load")
+        prepared = take_loads(problem.prepared, found.after)
+        search.start_over(Problem(prepared, problem.declared, problem.own, problem.late))
+        again = conclude(search, find_terms(search), late)
+        if not explains_as_well(found, again):
+            break
+        found = replace(again, events=found.events)
     return found
 
 
@@ -237,7 +272,7 @@ def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     limits = find_limits(search, determined)
     notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
-    notes += tell_other_loads(after, here)
+    notes += tell_other_loads(after, here) + tell_payload(after)
     suspicions = tell_suspected(answer.suspected)
     notes += [f"{prepared.dataset.joints[j]}: {told}." for j, told in suspicions.items()]
     notes += [one.describe(prepared.dataset.joints) for one in impossible]

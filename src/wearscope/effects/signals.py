@@ -24,13 +24,13 @@ class Signals:
     sign : ndarray (N, n)
         Direction of motion, -1 to 1; 0 at rest.
     load : ndarray (N, n)
-        Rigid-body torque.
+        Rigid-body torque, of corrected bodies where they are known.
     temperature : ndarray (N, n)
         Joint temperature [deg C]; NaN where unknown.
     wear : ndarray (N, n)
         Wear level f of eq. (17) [-].
     rigid_body : wearscope.robots.dynamics.RigidBody or None
-        The dynamics that gave `load`, for effects that perturb it.
+        The dynamics of the stated bodies, for effects that perturb it.
     torque : ndarray (N, n) or None
         Torque predicted by the model without the effect, for errors of the measurement itself.
     bandwidth : float
@@ -81,10 +81,11 @@ class Signals:
             move = np.zeros(self.q.shape[1])
             move[joint] = 1e-5
             along = self.rigid_body.inverse_dynamics
+            here = along(self.q, self.v, self.a)
             self._slopes[joint] = (
-                (along(self.q + move, self.v, self.a) - self.load) / 1e-5,
-                (along(self.q, self.v + move, self.a) - self.load) / 1e-5,
-                (along(self.q, self.v, self.a + move) - self.load) / 1e-5,
+                (along(self.q + move, self.v, self.a) - here) / 1e-5,
+                (along(self.q, self.v + move, self.a) - here) / 1e-5,
+                (along(self.q, self.v, self.a + move) - here) / 1e-5,
             )
         return self._slopes[joint]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.model.joint_flexibility import solve_gears
+from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque, solve_gears
 from wearscope.closed_loop.model.prediction import find_lags, predict_motor
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
@@ -115,10 +115,11 @@ class Structure:
         return self.count + 2 * count_features() * len(self.thermal)
 
     def operate(self, run: PreparedRun) -> Signals:
-        """Signals of a run with the motors' and the gears' torque that the healthy machine would have."""
+        """Signals of a run with the load, the motors' and the gears' torque of the healthy machine."""
         model = cast("Regression", self)
         solved = solve_gears(model, self.theta, run)
-        signals = replace(run.signals, transmitted=solved)
+        load = rigid_link_torque(model, self.theta, run.signals)
+        signals = replace(run.signals, load=load, transmitted=solved)
         motor = predict_motor(model, self.theta, run, signals)
         return replace(signals, torque=motor, lag=find_lags(model, self.theta))
 

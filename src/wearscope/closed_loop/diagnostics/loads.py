@@ -1,4 +1,4 @@
-"""A load that is not as declared: in some runs only, or in all, where an effect depends on it."""
+"""A load that is not as declared: in some runs only, or one that the runs do not settle."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque
-from wearscope.closed_loop.model.prediction import Predicted
+from wearscope.closed_loop.model.estimation import estimate
+from wearscope.closed_loop.model.loads import OTHER, find_other_loads
+from wearscope.closed_loop.model.prediction import Predicted, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import PayloadEffect
@@ -15,8 +16,8 @@ from wearscope.effects.vocabulary import session_effects
 
 #: Share of what is left, over all joints, that loads by run explain at least.
 _MOST = 0.5
-#: Share by which a corrected load differs from the stated one, from which its coefficients are wrong.
-_OTHER = 0.1
+#: Share of what refitted masses remove that a payload removes, which may be what they stand in for.
+_ALIKE = 0.9
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
 
@@ -33,7 +34,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
     predicted : sequence of Predicted
         Along all runs.
     """
-    effect = next((one for one in session_effects() if isinstance(one, PayloadEffect)), None)
+    effect = _find_payload()
     files = list(dict.fromkeys(p.run.file for p in predicted))
     if effect is None or len(files) < 2:
         return []
@@ -63,7 +64,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
 
 
 def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
-    """A sentence on each coefficient by the load where the corrected model has another load than stated.
+    """A sentence on each effect by the load where the corrected model's bodies have another load.
 
     Parameters
     ----------
@@ -72,22 +73,54 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
     terms : sequence of ModelTerm
         Its names.
     """
-    theta, runs = after.solve(), after.prepared.runs_for("train")
-    told = []
-    for term in terms:
-        effect, j = term.effect, term.joint
-        if effect.spread or effect.empirical or "load_{joint}" not in effect.depends_on:
-            continue
-        pairs = [(run.signals.load[:, j], rigid_link_torque(after, theta, run.signals)[:, j]) for run in runs]
-        stated, corrected = (float(np.mean(np.abs(np.concatenate(x)))) for x in zip(*pairs, strict=True))
-        if abs(corrected - stated) > _OTHER * stated:
-            joint, times = after.prepared.dataset.joints[j], corrected / max(stated, 1e-300)
-            told.append(
-                f"{joint}: {effect.name} is fitted to the load of the stated bodies. The corrected model's "
-                f"load is {times:.2g} times as large, and the coefficient may be wrong by that factor. State "
-                "the payload or the masses, and diagnose again."
-            )
-    return told
+    return [
+        f"{after.prepared.dataset.joints[term.joint]}: {term.effect.name} is fitted to another load than the "
+        "corrected model's, which the runs do not settle; its coefficient may be wrong. State the payload or "
+        "the masses, and diagnose again."
+        for term in find_other_loads(after, terms)
+    ]
+
+
+def tell_payload(after: Regression) -> list[str]:
+    """A sentence where a payload in the place of refitted masses does nearly all that they do; else nothing.
+
+    Parameters
+    ----------
+    after : Regression
+        The corrected model.
+    """
+    prepared, effect = after.prepared, _find_payload()
+    held = any(term.effect.spread and not term.is_deflection for term in after.entries)
+    if effect is None or not after.inertial or held:
+        return []
+    count, runs = 10 * prepared.n, prepared.runs_for("train")
+    stated = np.concatenate([run.reduce(run.known) for run in runs])
+    added = np.concatenate(after.columns)[..., :count] @ after.solve()[:count]
+    if not np.any(np.linalg.norm(added, axis=0) > OTHER * np.linalg.norm(stated, axis=0)):
+        return []
+    payload = ModelTerm(effect, prepared.n - 1, (), tuple(range(len(effect.coefficients))))
+    trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)
+    carried = refit(trusted, [*after.entries, payload])
+    as_stated, by_masses, by_payload = (_sum_loss(model) for model in (trusted, after, carried))
+    share = (as_stated - by_payload) / max(as_stated - by_masses, 1e-300)
+    found = estimate(carried)[-1]
+    low, high = found.intervals["mass"]
+    if share < _ALIKE or low <= 0.0 <= high:
+        return []
+    return [
+        f"The refitted masses act as a payload of {found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g}) "
+        f"in addition to the stated one: it removes {100 * share:.0f} % of the error that they remove. State "
+        "it, if the machine carries it; otherwise the last links are that much heavier or lighter."
+    ]
+
+
+def _sum_loss(model: Regression) -> float:
+    left = model.residuals(model.solve())
+    return sum(float(np.sum((e * w) ** 2)) for e, w in zip(left, model.weights, strict=True))
+
+
+def _find_payload() -> PayloadEffect | None:
+    return next((one for one in session_effects() if isinstance(one, PayloadEffect)), None)
 
 
 def _gather(

@@ -29,9 +29,9 @@ _STEPS, _PRECISE = 12, 1e-3
 
 def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
     """Full-rate torque (N, n) on the link side of the gears along the motors' motion, were they rigid."""
-    torque = signals.load.copy()
+    s = signals
+    torque = s.rigid_body.inverse_dynamics(s.q, s.v, s.a)
     if model.inertial:
-        s = signals
         torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[: 10 * model.prepared.n]
     for term, span in zip(model.entries, model.spans, strict=True):
         if term.effect.spread and not term.is_deflection:

@@ -1,0 +1,54 @@
+"""The load on the gears, which friction may depend on: that of corrected bodies, once they are known."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque
+from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
+
+#: Share by which the corrected bodies' load differs from the one along which effects are fitted.
+OTHER = 0.03
+
+
+def find_other_loads(model: Regression, terms: Sequence[ModelTerm]) -> list[ModelTerm]:
+    """Terms that depend on a load which the model's bodies do not have.
+
+    Parameters
+    ----------
+    model : Regression
+    terms : sequence of ModelTerm
+        Those that are asked.
+    """
+    asked = [
+        term
+        for term in terms
+        if "load_{joint}" in term.effect.depends_on and not (term.effect.spread or term.effect.empirical)
+    ]
+    if not asked:
+        return []
+    theta, runs = model.solve(), model.prepared.runs_for("train")
+    taken = np.concatenate([run.signals.load for run in runs])
+    off = np.concatenate([rigid_link_torque(model, theta, run.signals) for run in runs]) - taken
+    other = np.linalg.norm(off, axis=0) > OTHER * np.linalg.norm(taken, axis=0)
+    return [term for term in asked if other[term.joint]]
+
+
+def take_loads(prepared: Prepared, model: Regression) -> Prepared:
+    """A prepared data set with the load of a model's bodies.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    model : Regression
+        Of the same machine.
+    """
+    theta = model.solve()
+    runs = [
+        replace(run, signals=replace(run.signals, load=rigid_link_torque(model, theta, run.signals)))
+        for run in prepared.runs
+    ]
+    return replace(prepared, runs=runs)
