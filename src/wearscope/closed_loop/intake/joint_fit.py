@@ -15,9 +15,10 @@ from wearscope.closed_loop.intake.products import FALLS, NONE, Fit, Products
 from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 
 #: Share of a link's own parameters by which they may differ from the stated ones at the fit's cost, trusted
-#: or approximate; share of the robot's mass that every link and the last may carry undeclared at that cost.
+#: or approximate; share of the robot's mass that every link and the last may carry undeclared at that cost,
+#: and that a payload may have.
 _SLACK = {"trusted": 0.15, "approximate": 0.25}
-_CARRIED, _LOADED = 0.01, 0.05
+_CARRIED, _LOADED, _PAYLOAD = 0.01, 0.05, 1.0
 #: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
 _ACTS = 1e-9
 #: Fewest rows of a joint that say something.
@@ -55,6 +56,8 @@ class Rows:
         In the base frame, in place of the stated one [m/s^2].
     springs : bool
         Whether each joint may have any torque that is a line, sine and cosine of its own position.
+    loaded : float
+        Share of the robot's mass that the last link may carry undeclared.
     """
 
     q: np.ndarray
@@ -70,6 +73,7 @@ class Rows:
     inertials: str
     gravity: tuple[float, ...] | None = None
     springs: bool = False
+    loaded: float = _LOADED
 
     def is_worth(self, total: float, any_size: bool = False) -> bool:
         """Whether a reading leaves clearly less than springs and balancers of all joints would."""
@@ -83,6 +87,19 @@ class Rows:
     def sprung(self) -> Products:
         """What a fit with springs needs."""
         return self.share(replace(self, springs=True), "slack", "known").products
+
+    @cached_property
+    def carried(self) -> tuple[float, float]:
+        """What a fit with a payload leaves, and its mass [kg]; infinite where what fits is no such body."""
+        other = self.share(replace(self, loaded=_PAYLOAD), "known")
+        fit, heard = other.fitted, other.products.heard
+        if not heard:
+            return np.inf, 0.0
+        body = self.bodies[0]
+        ways = _list_ways(body, self.inertials, _PAYLOAD)
+        mass, *moment = (ways @ fit.found[heard[0], : ways.shape[1]])[-N_PARAMETERS:][:4].tolist()
+        reach = float(np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0], axis=0), axis=1).sum())
+        return (fit.total, mass) if np.linalg.norm(moment) <= reach * mass else (np.inf, 0.0)
 
     @property
     def n(self) -> int:
@@ -122,7 +139,7 @@ class Rows:
     @cached_property
     def slack(self) -> np.ndarray:
         """What the links' parameters may add to the torques (N, n, P), each with the cost of one."""
-        ways = _list_ways(self.bodies[0], self.inertials)
+        ways = _list_ways(self.bodies[0], self.inertials, self.loaded)
         return np.asarray(self._body(0).inertial_regressor(self.q, self.v, self.a) @ ways)
 
     @cached_property
@@ -245,21 +262,21 @@ class Mixture:
 
 
 @lru_cache(maxsize=64)
-def _list_ways(body: RigidBody, inertials: str) -> np.ndarray:
+def _list_ways(body: RigidBody, inertials: str, loaded: float) -> np.ndarray:
     """Ways (10 n, P) in which the links' parameters can act on torques, each with the cost of one.
 
     Some do not act on any torque, and others alike, whatever the motion and wherever gravity points.
     """
     q, v, a = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 20, body.n))
     seen = [body.with_gravity(axis).inertial_regressor(q, v, a) for axis in np.diag([9.8] * 3).tolist()]
-    deviations = _deviations(body, inertials)
+    deviations = _deviations(body, inertials, loaded)
     x = np.concatenate(seen) * deviations
     x /= np.maximum(np.linalg.norm(x, axis=(0, 2), keepdims=True), 1e-300)
     _, sizes, ways = np.linalg.svd(x.reshape(-1, x.shape[2]), full_matrices=False)
     return np.asarray(deviations[:, None] * ways[sizes > _ACTS * sizes[0]].T)
 
 
-def _deviations(body: RigidBody, inertials: str) -> np.ndarray:
+def _deviations(body: RigidBody, inertials: str, loaded: float) -> np.ndarray:
     """Deviation (10 n,) of each inertial parameter that has the cost of one."""
     links = body.inertial_parameters.reshape(-1, N_PARAMETERS)
     share, total = _SLACK[inertials], float(links[:, 0].sum())
@@ -269,7 +286,7 @@ def _deviations(body: RigidBody, inertials: str) -> np.ndarray:
     length = max(float(np.median(np.maximum(arms, radii))), 1e-3)
     out = np.empty_like(links)
     for k, link in enumerate(links):
-        carried = (_LOADED if k == len(links) - 1 else _CARRIED) * total
+        carried = (loaded if k == len(links) - 1 else _CARRIED) * total
         out[k, 0] = share * link[0] + carried
         out[k, 1:4] = share * np.linalg.norm(link[1:4]) + carried * length
         out[k, 4:] = share * np.abs(link[4:]).max() + carried * length**2

@@ -13,7 +13,7 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.asked import Asked, Reading, say_columns
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass, rows
 from wearscope.closed_loop.intake.gravity import find_missing_weight
-from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows
+from wearscope.closed_loop.intake.joint_fit import LEAST_ROWS, WORTH, Rows, is_clearly_less
 from wearscope.closed_loop.intake.lags import find_lag
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.products import DOUBTFUL, NONE
@@ -79,7 +79,6 @@ def ask_runs(prepared: Prepared) -> Rows:
     """Rows of all runs as stated, those of idle drives left out."""
     reach = np.max([np.ptp(run.signals.q, axis=0) for run in prepared.runs], axis=0)
     usual = np.median([_torque_spread(run) for run in prepared.runs], axis=0)
-    inertia, inertials = known_inertia(prepared.dataset), prepared.dataset.fields.robot.inertials
     parts: dict[str, list[np.ndarray]] = {
         name: [] for name in ("q", "v", "a", "sign", "tau", "counts", "run")
     }
@@ -93,17 +92,11 @@ def ask_runs(prepared: Prepared) -> Rows:
         parts["run"].append(np.full(len(run.t[at]), k))
     whole = {name: np.concatenate(part) for name, part in parts.items()}
     every = Rows(
-        whole["q"],
-        whole["v"],
-        whole["a"],
-        whole["sign"],
-        whole["tau"],
-        whole["counts"],
-        whole["run"],
-        tuple(run.signals.rigid_body for run in prepared.runs),
-        inertia,
-        prepared.top_speed,
-        inertials,
+        **whole,
+        bodies=tuple(run.signals.rigid_body for run in prepared.runs),
+        inertia=known_inertia(prepared.dataset),
+        top=prepared.top_speed,
+        inertials=prepared.dataset.fields.robot.inertials,
     )
     for k, run in enumerate(prepared.runs):
         own = every.run == k
@@ -174,7 +167,14 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
 
 def _note_constants(prepared: Prepared, whole: Rows) -> None:
     """Torques by a constant that is off, or of masses that are: one fit does not tell them apart."""
-    size = find_constants(whole.products)
+    size, (total, mass) = find_constants(whole.products), whole.carried
+    heavier = is_clearly_less(total, whole.products.total, DOUBTFUL)
+    if heavier and not is_clearly_less(whole.products.resize(size).total, total, DOUBTFUL):
+        prepared.notes.append(
+            f"a payload of about {mass:.2g} kg in addition to the stated one explains the torques better. "
+            'State it in "payload", if the machine carries it; otherwise the last link is that much heavier.'
+        )
+        return
     if np.all(size == 1.0):
         size = find_constants(whole.sprung)
     joints = prepared.dataset.joints

@@ -85,7 +85,10 @@ def find_reading(every: Readings, ignored: frozenset[str] = frozenset()) -> Read
         pair = _choose([one for one in pairs if not set(one.codes) & ignored], stated, stated.total)
         if best is None or best.shown or (pair and is_clearly_less(pair.fit.total, best.fit.total, _POOR)):
             best = pair or best
-    return best
+    # What an undeclared payload explains as well speaks for no other columns.
+    if best is None or best.shown or is_clearly_less(best.fit.total, asked.rows.carried[0], DOUBTFUL):
+        return best
+    return None
 
 
 def _choose(readings: Iterable[Reading], stated: Fit, rival: float) -> Reading | None:
