@@ -138,6 +138,16 @@ def test_torques_of_the_stated_masses_have_no_factor(tmp_path):
     assert not any("times what the stated bodies need" in one for one in notes)
 
 
+def test_a_spring_that_the_model_lacks_is_no_torque_constant(tmp_path):
+    bench = Bench(tmp_path, 1, seconds=9.0, size=0.8)
+    bench.record(
+        lambda q, v, a, rng, t: (
+            chain(q, v, a, 1.2, 0.3) + rub(v, 0.4, 0.4) + 5.0 * (q - 0.5) + rng.normal(0, 0.03, q.shape)
+        )
+    )
+    assert not any("times what the stated bodies need" in one for one in bench.accept())
+
+
 def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):
     """Masses and torque constants that are off alike cannot be told apart, which is said."""
     notes = Bench(tmp_path, 2, seconds=9.0).record(torque((1.0, 1.0), mass=1.8)).accept()

@@ -366,7 +366,7 @@ def test_the_loop_is_concluded_in_one_sentence_no_surer_than_its_parts(tmp_path)
         (
             {"torque_factors": {"a": 0.7}},
             "Torques at a are 0.7 times what the URDF's masses need: the payload, masses, "
-            "torque constants or scale of the positions are off",
+            "torque constants or positions' scale are off, or a balancer is undeclared",
         ),
         ({"far_links": ["b"]}, "Masses were refitted far from the URDF at b"),
     ],

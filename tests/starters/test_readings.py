@@ -248,6 +248,17 @@ def test_positions_that_count_from_the_start_of_each_run_are_noted(tmp_path, zer
     assert any("all positions are 0 at the start of every run" in note for note in notes) == zeroed
 
 
+def test_zeros_before_a_recording_begins_are_no_zero_of_its_positions(tmp_path):
+    bench, home = Bench(tmp_path, 1, 2.0), 1.4
+    late = np.arange(int(bench.seconds * bench.rate))[:, None] > 100
+    bench.record(
+        lambda q, v, a, rng, t: late * (2.4 * chain(q + home, v, a, 2.0, 0.3) + rub(v, 4.0, 4.0)),
+        position=lambda q, k: late * (q + home),
+    )
+    notes = " ".join(bench.accept())
+    assert "the rows before it are cut off" in notes and "at the start of every run" not in notes
+
+
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
     bench = Bench(tmp_path, 2, 4.0)
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 4.0, 0.3, gravity=0.0) + rng.normal(0, 0.02, q.shape))

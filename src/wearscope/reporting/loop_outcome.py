@@ -138,7 +138,9 @@ def _doubt_masses(loop: ClosedLoop) -> str:
         low, high = min(factors.values()), max(factors.values())
         size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
         where = "" if len(factors) == len(loop.joints) else f" at {join_words(list(factors))}"
-        told = "the payload, masses, torque constants or scale of the positions are off"
+        told = (
+            "the payload, masses, torque constants or positions' scale are off, or a balancer is undeclared"
+        )
         return f"Torques{where} are {size} times what the URDF's masses need: {told}."
     if far := loop.verdict.get("far_links"):
         told = "a load is undeclared, or the URDF is wrong"

@@ -1,8 +1,8 @@
 """Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-The readings of the columns are weighed for all runs together, then for those runs that the stated reading
-does not explain. A data set is refused with the reading that is clearly best as the remedy, unless `accept`
-in `dataset.yaml` says that the data are right as they are; a reading that changes no number is a note.
+The readings of the columns are weighed for all runs together, then for those that the stated reading does not
+explain. A data set is refused with the best reading as the remedy, unless `accept` overrules it; a reading
+that changes no number is a note.
 """
 
 from dataclasses import replace
@@ -28,6 +28,7 @@ from wearscope.closed_loop.intake.sizes import (
     say_sizes,
     unfold,
 )
+from wearscope.closed_loop.intake.zeros import starts_at_zero
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
 #: Share of a torque's variance above which a joint, or a run, is doubted.
@@ -52,8 +53,7 @@ _NO_FRICTION, _NO_BODY = 1e-4, 0.1
 def check_plausibility(prepared: Prepared) -> None:
     """Refuse data that another reading of the columns explains and the stated one does not.
 
-    Notes on what is accepted, on readings that change no number, and on entries of `accept` that overrule
-    nothing, are added to the notes.
+    What is accepted, readings that change no number and unused entries of `accept` are noted.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
         elif doubted := [name for name, gain in gains.items() if gain < 1.0]:
             told = f"{', '.join(doubted)}: never negative, by the load or because the column has no sign."
             prepared.notes.append(told)
-    if all(np.all(record.q[0] == 0.0) for record in records):
+    if all(starts_at_zero(record.q) for record in records):
         prepared.notes.append(
             "all positions are 0 at the start of every run, and the stated bodies leave much of the torque: "
             "where the controller counts from there, give absolute positions."
@@ -175,10 +175,10 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
             'State it in "payload", if the machine carries it; otherwise the last link is that much heavier.'
         )
         return
-    if np.all(size == 1.0):
-        size = find_constants(whole.sprung)
-    joints = prepared.dataset.joints
-    prepared.torque_factors = {joints[j]: float(size[j]) for j in np.flatnonzero(size != 1.0)}
+    if np.all(size == 1.0) or not whole.rivals_springs(whole.products.resize(size).total):
+        size = find_constants(whole.sprung)  # a missing spring looks like a body of another size
+    off, joints = np.flatnonzero(size != 1.0), prepared.dataset.joints
+    prepared.torque_factors = {joints[j]: float(size[j]) for j in off}
     if not prepared.torque_factors:
         return
     where, sizes = list(prepared.torque_factors), [f"{one:.3g}" for one in prepared.torque_factors.values()]
@@ -186,8 +186,8 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
         where, sizes = ["all joints"], sizes[:1]
     prepared.notes.append(
         f"torques at {', '.join(where)} are {', '.join(sizes)} times what the stated bodies need: the "
-        "payload, masses, torque constants or positions (gear ratio, counts per turn) are off, and friction "
-        "is as far off as the constants are."
+        "payload, masses, torque constants or positions (gear ratio, counts per turn) are off, or a balancer "
+        "is not declared. Where constants are off, friction is as far off."
     )
 
 

@@ -16,6 +16,8 @@ _STEP = np.pi / 4.0
 _GIVE_ALL = np.arange(5) * 2.0 * np.pi / 5.0
 #: A quarter turn, by which conventions differ, is taken where it leaves at most this many times as much.
 _ALIKE = 1.05
+#: Share of its reach that a position may go from one row to the next.
+_STEP_OF_REACH = 0.1
 
 
 def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
@@ -53,6 +55,12 @@ def read_zeros(asked: Asked, any_size: bool = False) -> Iterator[Reading]:
     whole = replace(asked.rows, q=asked.rows.q + shift)
     codes = tuple(f"zero {name}" for name in names)
     yield Reading(told, codes, tuple(moved.tolist()), whole.products)
+
+
+def starts_at_zero(q: np.ndarray) -> bool:
+    """Whether all positions (N, n) are 0 at first, and leave that without a step, as written zeros do not."""
+    moved = q[np.any(q != 0.0, axis=1)][:1]
+    return bool(np.all(q[0] == 0.0) and np.all(np.abs(moved) <= _STEP_OF_REACH * np.ptp(q, axis=0)))
 
 
 class _Misses:
