@@ -26,7 +26,11 @@ def move(rng, t, n, size, frequencies):
 
 
 def chain(q, v, a, mass, length, gravity=9.81):
-    """Torque of a hanging planar chain of point masses at the links' ends, by Newton's law alone."""
+    """Torque of a hanging planar chain of point masses at the links' ends, by Newton's law alone.
+
+    `mass` is of all links, or (n,) of each.
+    """
+    masses = np.broadcast_to(mass, q.shape[1])
     th, om, al = (np.cumsum(x, 1) for x in (q, v, a))
     ax = np.cumsum(length * (np.cos(th) * al - np.sin(th) * om**2), 1)
     az = np.cumsum(length * (np.sin(th) * al + np.cos(th) * om**2), 1) + gravity
@@ -35,7 +39,7 @@ def chain(q, v, a, mass, length, gravity=9.81):
     for j in range(q.shape[1]):
         x0, z0 = (x[:, j - 1], z[:, j - 1]) if j else (0.0, 0.0)
         tau[:, j] = sum(
-            mass * ((x[:, i] - x0) * az[:, i] - (z[:, i] - z0) * ax[:, i]) for i in range(j, q.shape[1])
+            masses[i] * ((x[:, i] - x0) * az[:, i] - (z[:, i] - z0) * ax[:, i]) for i in range(j, q.shape[1])
         )
     return tau
 

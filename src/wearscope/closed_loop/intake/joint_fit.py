@@ -18,7 +18,9 @@ from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 #: or approximate; share of the robot's mass that every link and the last may carry undeclared at that cost,
 #: and that a payload may have.
 _SLACK = {"trusted": 0.15, "approximate": 0.25}
-_CARRIED, _LOADED, _PAYLOAD = 0.01, 0.05, 1.0
+_CARRIED, _LOADED, _PAYLOAD = 0.01, 0.05, 3.0
+#: Share of a payload's mass that the torques tell, at least.
+_TOLD = 0.9
 #: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
 _ACTS = 1e-9
 #: Fewest rows of a joint that say something.
@@ -90,16 +92,22 @@ class Rows:
 
     @cached_property
     def carried(self) -> tuple[float, float]:
-        """What a fit with a payload leaves, and its mass [kg]; infinite where what fits is no such body."""
+        """What a fit with a payload leaves, and the payload's mass [kg].
+
+        Infinite where what fits is no such body; NaN where the torques do not tell the mass.
+        """
         other = self.share(replace(self, loaded=_PAYLOAD), "known")
         fit, heard = other.fitted, other.products.heard
         if not heard:
-            return np.inf, 0.0
+            return np.inf, np.nan
         body = self.bodies[0]
         ways = _list_ways(body, self.inertials, _PAYLOAD)
-        mass, *moment = (ways @ fit.found[heard[0], : ways.shape[1]])[-N_PARAMETERS:][:4].tolist()
+        last = ways[-N_PARAMETERS:]
+        mass, *moment = (last @ fit.found[heard[0], : ways.shape[1]])[:4].tolist()
         reach = float(np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0], axis=0), axis=1).sum())
-        return (fit.total, mass) if np.linalg.norm(moment) <= reach * mass else (np.inf, 0.0)
+        is_body = np.linalg.norm(moment) <= 2.0 * reach * mass
+        told = other.products.tell(last[0]) > _TOLD
+        return fit.total if is_body else np.inf, mass if told else np.nan
 
     @property
     def n(self) -> int:

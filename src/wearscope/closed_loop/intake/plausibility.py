@@ -6,6 +6,7 @@ that changes no number is a note.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import interpolate
@@ -79,9 +80,8 @@ def ask_runs(prepared: Prepared) -> Rows:
     """Rows of all runs as stated, those of idle drives left out."""
     reach = np.max([np.ptp(run.signals.q, axis=0) for run in prepared.runs], axis=0)
     usual = np.median([_torque_spread(run) for run in prepared.runs], axis=0)
-    parts: dict[str, list[np.ndarray]] = {
-        name: [] for name in ("q", "v", "a", "sign", "tau", "counts", "run")
-    }
+    names = ("q", "v", "a", "sign", "tau", "counts", "run")
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for k, run in enumerate(prepared.runs):
         s, at = run.signals, _pick(run, len(prepared.runs))
         for name, x in (("q", s.q), ("v", s.v), ("a", s.a), ("sign", s.sign)):
@@ -90,7 +90,7 @@ def ask_runs(prepared: Prepared) -> Rows:
         travels = np.ptp(s.q, axis=0) > _RESTS * reach
         parts["counts"].append(run.keep[at] & prepared.moving & travels)
         parts["run"].append(np.full(len(run.t[at]), k))
-    whole = {name: np.concatenate(part) for name, part in parts.items()}
+    whole: dict[str, Any] = {name: np.concatenate(part) for name, part in parts.items()}
     every = Rows(
         **whole,
         bodies=tuple(run.signals.rigid_body for run in prepared.runs),
@@ -142,8 +142,7 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
             told = f"{say_columns(folded)} {verb} never negative, as {one} without sign; record the torque"
             prepared.refuse(str(prepared.dataset.folder), f"{told} with its sign.", "unsigned tau")
         elif doubted := [name for name, gain in gains.items() if gain < 1.0]:
-            told = f"{', '.join(doubted)}: never negative, by the load or because the column has no sign."
-            prepared.notes.append(told)
+            prepared.notes.append(f"{', '.join(doubted)}: never negative, by the load or without a sign.")
     if all(starts_at_zero(record.q) for record in records):
         prepared.notes.append(
             "all positions are 0 at the start of every run, and the stated bodies leave much of the torque: "
@@ -157,9 +156,8 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
     sizes = np.array([find_impossible_sizes(whole.pick(whole.run == k)) for k in every])
     runs = np.flatnonzero(np.isfinite(sizes).any(axis=1))
     if len(runs):
-        where = prepared.dataset.folder
-        if len(runs) < len(prepared.runs):
-            where = where / prepared.runs[runs[0]].file
+        some = len(runs) < len(prepared.runs)
+        where = prepared.dataset.folder / (prepared.runs[runs[0]].file if some else "")
         at = np.flatnonzero(np.isfinite(sizes[runs[0]]))
         told, codes = say_sizes(_ask(prepared, whole), at, sizes[runs[0]])
         prepared.refuse(str(where), told, *codes)
@@ -168,17 +166,19 @@ def _check_sizes(prepared: Prepared, whole: Rows) -> None:
 def _note_constants(prepared: Prepared, whole: Rows) -> None:
     """Torques by a constant that is off, or of masses that are: one fit does not tell them apart."""
     size, (total, mass) = find_constants(whole.products), whole.carried
-    heavier = is_clearly_less(total, whole.products.total, DOUBTFUL)
-    if heavier and not is_clearly_less(whole.products.resize(size).total, total, DOUBTFUL):
+    sized, stated = whole.products.resize(size).total, whole.products.total
+    if total < sized and is_clearly_less(total, stated, DOUBTFUL) and whole.rivals_springs(total):
+        heavy = f" of about {mass:.2g} kg" if np.isfinite(mass) else ""
         prepared.notes.append(
-            f"a payload of about {mass:.2g} kg in addition to the stated one explains the torques better. "
-            'State it in "payload", if the machine carries it; otherwise the last link is that much heavier.'
+            f"a payload{heavy} that is not stated explains the torques better. If the machine carries one, "
+            'state it in "payload"; otherwise the last link is that much heavier.'
         )
-        return
-    if np.all(size == 1.0) or not whole.rivals_springs(whole.products.resize(size).total):
+        if is_clearly_less(total, sized, DOUBTFUL):
+            return
+    if np.all(size == 1.0) or not whole.rivals_springs(sized):
         size = find_constants(whole.sprung)  # a missing spring looks like a body of another size
-    off, joints = np.flatnonzero(size != 1.0), prepared.dataset.joints
-    prepared.torque_factors = {joints[j]: float(size[j]) for j in off}
+    named = zip(prepared.dataset.joints, size.tolist(), strict=True)
+    prepared.torque_factors = {joint: one for joint, one in named if one != 1.0}
     if not prepared.torque_factors:
         return
     where, sizes = list(prepared.torque_factors), [f"{one:.3g}" for one in prepared.torque_factors.values()]
@@ -193,8 +193,8 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
 
 def _note_lag(prepared: Prepared, whole: Rows) -> None:
     """Torques that follow the motion at every joint, as a recorder's or a filter's do."""
-    lag = find_lag(_ask(prepared, whole))
-    if lag is not None and TIME_DELAY.name not in prepared.dataset.fields.declared_effects:
+    declared = prepared.dataset.fields.declared_effects
+    if (lag := find_lag(_ask(prepared, whole))) is not None and TIME_DELAY.name not in declared:
         prepared.notes.append(
             f"torques follow the motion by about {1000 * lag:.0f} ms at every joint, as behind a filter. "
             "A delay that is named at a joint comes from the recorder. Record the torque without a filter."

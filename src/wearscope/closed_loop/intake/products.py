@@ -85,6 +85,11 @@ class Products:
         factor[:, -1] = 1.0
         return Products(self.grams * factor[:, :, None] * factor[:, None, :], self.scale / np.abs(size))
 
+    def tell(self, way: np.ndarray) -> float:
+        """Share of the links' values along a way (P,) that the torques tell, and not the links' cost."""
+        links = _COST * np.eye(self.size) + self.grams[:, : self.size, : self.size].sum(axis=0)
+        return 1.0 - _COST * float(way @ np.linalg.solve(links, way)) / max(float(way @ way), 1e-300)
+
     def run_backwards(self) -> "Products":
         """Products of friction that gives power."""
         sign = np.ones(self.grams.shape[1])

@@ -1,0 +1,37 @@
+"""A payload that is not stated is told with its mass at the door, and is no fault of the columns."""
+
+import re
+
+import numpy as np
+import pytest
+from recorded_chain import Bench, chain, rub
+
+
+def carry(mass, more=0.0):
+    """Chain of links of 1.2 kg with friction and a payload at the end."""
+
+    def made(q, v, a, rng, t):
+        masses = np.full(q.shape[1], 1.2)
+        masses[-1] += mass
+        tau = chain(q, v, a, masses, 0.3) + rub(v, 0.3, 0.5) + more * np.sin(q)
+        return tau + rng.normal(0, 0.02, q.shape)
+
+    return made
+
+
+def tell(bench):
+    return [note for note in bench.accept() if note.startswith("a payload")]
+
+
+@pytest.mark.parametrize(("n", "mass"), [(2, 1.0), (3, 0.5), (3, 3.0), (4, 8.0)])
+def test_a_payload_is_told_with_its_mass(tmp_path, n, mass):
+    """The heaviest makes the last joint's torque 7.7 times what the stated bodies need."""
+    (told,) = tell(Bench(tmp_path, n, seconds=9.0).record(carry(mass)))
+    said = re.search(r"a payload of about (\S+) kg that is not stated", told)
+    assert said is not None and float(said[1]) == pytest.approx(mass, rel=0.15)
+
+
+@pytest.mark.parametrize(("n", "mass", "more"), [(3, 0.0, 0.0), (3, 0.0, 4.0), (1, 1.0, 0.0)])
+def test_nothing_else_is_a_payload(tmp_path, n, mass, more):
+    """Springs are none, and one joint tells no mass."""
+    assert tell(Bench(tmp_path, n, seconds=9.0).record(carry(mass, more))) == []
