@@ -208,21 +208,24 @@ def smooth(seconds):
     return fault
 
 
-def load_undeclared(folder, rng):
-    """Fault: a payload of a tenth of the robot's mass that is not declared."""
+def load(share, com):
+    """Fault: a payload of a share of the robot's mass that is not declared."""
     from wearscope.robots.dynamics import Payload
     from wearscope.robots.urdf_file import parse_urdf
 
-    tree = parse_urdf(folder.place / folder.fields["robot"]["urdf"])
-    mass = 0.1 * sum(link.mass for link in tree.links.values())
-    body = folder.body()
-    loaded = body.with_payload(Payload(mass, (0.0, 0.0, 0.0)))
+    def fault(folder, rng):
+        tree = parse_urdf(folder.place / folder.fields["robot"]["urdf"])
+        mass = share * sum(link.mass for link in tree.links.values())
+        body = folder.body()
+        loaded = body.with_payload(Payload(mass, com))
 
-    def change(table):
-        motion = _motion(folder, table)
-        table[folder.columns("tau")] += loaded.inverse_dynamics(*motion) - body.inverse_dynamics(*motion)
+        def change(table):
+            motion = _motion(folder, table)
+            table[folder.columns("tau")] += loaded.inverse_dynamics(*motion) - body.inverse_dynamics(*motion)
 
-    return folder.change(change)
+        return folder.change(change)
+
+    return fault
 
 
 def shift(angle):
@@ -289,7 +292,8 @@ FAULTS = {
     "60 ms late": (delay(0.060), ("late tau",), False),
     "behind a filter of 15 ms": (smooth(0.015), ("late tau", "follow the motion"), True),
     "behind a filter of 50 ms": (smooth(0.050), ("late tau",), False),
-    "payload undeclared": (load_undeclared, (), True),
+    "payload undeclared": (load(0.1, (0.0, 0.0, 0.0)), (), True),
+    "heavy payload undeclared": (load(0.3, (0.05, 0.0, 0.1)), ("heavier than stated",), False),
     "wraps round": (wrap, ("wrap", "step q"), False),
     "clipped": (clip, ("clipped tau", "at a limit"), False),
 }

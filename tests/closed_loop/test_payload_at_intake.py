@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from recorded_chain import Bench, chain, rub
 
+from wearscope.checking.dataset import check_dataset
+
 
 def carry(mass, more=0.0):
     """Chain of links of 1.2 kg with friction and a payload at the end."""
@@ -27,8 +29,17 @@ def tell(bench):
 def test_a_payload_is_told_with_its_mass(tmp_path, n, mass):
     """The heaviest makes the last joint's torque 7.7 times what the stated bodies need."""
     (told,) = tell(Bench(tmp_path, n, seconds=9.0).record(carry(mass)))
-    said = re.search(r"a payload of about (\S+) kg that is not stated", told)
+    said = re.search(r"a payload about (\S+) kg heavier than stated", told)
     assert said is not None and float(said[1]) == pytest.approx(mass, rel=0.15)
+
+
+def test_a_stated_payload_that_is_not_there_is_told(tmp_path):
+    bench = Bench(tmp_path, 3, seconds=9.0).record(carry(0.0))
+    done = bench.take("--payload", "2.0", "--payload-com", "0", "0", "-0.3")
+    assert done.exit_code == 0, done.output + str(done.exception)
+    notes = " ".join(check_dataset(tmp_path / "d").notes)
+    said = re.search(r"a payload about (\S+) kg lighter than stated", notes)
+    assert said is not None and float(said[1]) == pytest.approx(2.0, rel=0.15)
 
 
 @pytest.mark.parametrize(("n", "mass", "more"), [(3, 0.0, 0.0), (3, 0.0, 4.0), (1, 1.0, 0.0)])

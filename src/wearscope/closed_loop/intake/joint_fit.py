@@ -19,8 +19,8 @@ from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 #: and that a payload may have.
 _SLACK = {"trusted": 0.15, "approximate": 0.25}
 _CARRIED, _LOADED, _PAYLOAD = 0.01, 0.05, 3.0
-#: Share of a payload's mass that the torques tell, at least.
-_TOLD = 0.9
+#: Share of a payload's mass that the torques tell, at least; of the stated one that may be missing, at most.
+_TOLD, _EMPTIED = 0.9, 1.2
 #: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
 _ACTS = 1e-9
 #: Fewest rows of a joint that say something.
@@ -92,7 +92,7 @@ class Rows:
 
     @cached_property
     def carried(self) -> tuple[float, float]:
-        """What a fit with a payload leaves, and the payload's mass [kg].
+        """What a fit with another payload leaves, and its mass less the stated one's [kg].
 
         Infinite where what fits is no such body; NaN where the torques do not tell the mass.
         """
@@ -105,7 +105,8 @@ class Rows:
         last = ways[-N_PARAMETERS:]
         mass, *moment = (last @ fit.found[heard[0], : ways.shape[1]])[:4].tolist()
         reach = float(np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0], axis=0), axis=1).sum())
-        is_body = np.linalg.norm(moment) <= 2.0 * reach * mass
+        stated = max(one.payload.mass if one.payload else 0.0 for one in self.bodies)
+        is_body = np.linalg.norm(moment) <= 2.0 * reach * abs(mass) and mass >= -_EMPTIED * stated
         told = other.products.tell(last[0]) > _TOLD
         return fit.total if is_body else np.inf, mass if told else np.nan
 

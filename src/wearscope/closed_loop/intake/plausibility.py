@@ -26,6 +26,7 @@ from wearscope.closed_loop.intake.sizes import (
     find_impossible_sizes,
     free_misfit,
     needs_body,
+    say_payload,
     say_sizes,
     unfold,
 )
@@ -168,11 +169,7 @@ def _note_constants(prepared: Prepared, whole: Rows) -> None:
     size, (total, mass) = find_constants(whole.products), whole.carried
     sized, stated = whole.products.resize(size).total, whole.products.total
     if total < sized and is_clearly_less(total, stated, DOUBTFUL) and whole.rivals_springs(total):
-        heavy = f" of about {mass:.2g} kg" if np.isfinite(mass) else ""
-        prepared.notes.append(
-            f"a payload{heavy} that is not stated explains the torques better. If the machine carries one, "
-            'state it in "payload"; otherwise the last link is that much heavier.'
-        )
+        prepared.notes.append(say_payload(mass))
         if is_clearly_less(total, sized, DOUBTFUL):
             return
     if np.all(size == 1.0) or not whole.rivals_springs(sized):

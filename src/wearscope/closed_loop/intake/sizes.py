@@ -148,6 +148,17 @@ def say_sizes(asked: Asked, at: np.ndarray, size: np.ndarray) -> tuple[str, tupl
     return told, tuple(f"gain {name}" for name in names)
 
 
+def say_payload(mass: float) -> str:
+    """What is said of a payload that explains torques, by its mass less the stated one's [kg] or NaN."""
+    told = "a payload that is not stated"
+    if np.isfinite(mass):
+        told = f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated"
+    return (
+        f"{told} explains the torques better. If the machine carries it, state it in 'payload'; otherwise "
+        "the last link's mass is off by as much."
+    )
+
+
 def find_impossible_sizes(rows: Rows) -> np.ndarray:
     """Torque over need (n,) of joints at which body and rotor move alike; NaN where it is possible."""
     size = np.full(rows.n, np.nan)
