@@ -11,11 +11,12 @@ from click.testing import CliRunner
 from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.filtering import Band, rows
+from wearscope.closed_loop.intake.filtering import Band, low_pass, rows
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import (
+    _describe,
     _find_stretches,
     find_events,
     leave_out,
@@ -68,6 +69,7 @@ def test_a_push_in_every_run_is_found_where_it_is(look, at, size, width):
     assert {e["joint"] for e in events} == {"a"} and len({e["run"] for e in events}) == len(events) >= 2
     for e in events:
         assert e["t"] < at < e["t"] + e["seconds"] and e["seconds"] < 4 * width + 0.2
+        assert e["seen"][0] <= e["t"] and e["t"] + e["seconds"] <= e["seen"][1]
         assert e["size"] == pytest.approx(size, rel=0.3)
     # A push of that size is seen by a detector with the threshold.
     assert thresholds["a"]["threshold"] < 0.7 * abs(size)
@@ -96,6 +98,16 @@ def test_pushes_that_a_filter_s_ringing_joins_are_told_apart(bumps, found):
     for part, middle in zip(stretches, found, strict=True):
         assert at[part.start] < middle < at[part.stop - 1]
     assert all(one.stop <= other.start for one, other in pairwise(stretches))
+
+
+@pytest.mark.parametrize(("middle", "width"), [(4.0, 0.1), (4.0, 0.5), (0.25, 0.5), (7.75, 0.5)])
+def test_an_event_lasts_as_long_as_its_torque_is_large_not_as_long_as_the_filter_rings(middle, width):
+    t = np.arange(8.0, step=0.01)
+    push = -9.0 * low_pass((np.abs(t - middle) < width / 2).astype(float), 4.0, 100.0)
+    event = _describe(t, push)
+    assert event["seen"] == [t[0], t[-1]] and event["size"] == pytest.approx(push.min())
+    assert event["t"] == pytest.approx(max(middle - width / 2, 0.0), abs=0.1)
+    assert event["t"] + event["seconds"] == pytest.approx(min(middle + width / 2, t[-1]), abs=0.1)
 
 
 @pytest.mark.parametrize(("step", "hidden"), [(30.0, True), (3.0, False)])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state, tell_events
+from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state
 from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
 from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
@@ -137,6 +137,15 @@ def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> li
         left.append(rows.target - rows.columns @ reference.belief.mean)
     frame = structure.frame
     return find_events(runs, take_out_state(runs, left), structure.joints, frame.moving, frame.top_speed)
+
+
+def tell_events(events: Sequence[Event], units: dict[str, str]) -> list[str]:
+    """A sentence on each event."""
+    return [
+        f"{e['run']}: {e['joint']}: torque that the model does not have at t = {e['t']:.2f} s for "
+        f"{e['seconds']:.2f} s, up to {e['size']:.3g} {units[e['joint']]}; an event, its rows are left out."
+        for e in events
+    ]
 
 
 def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:

@@ -25,6 +25,7 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: rows from which it is no event but structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
 _LOUD = 0.1  # share of a stretch's largest size above which it is loud
+_LASTS = 0.25  # share of its largest torque down to which an event lasts: the filter's ringing is less
 #: Share of a joint's largest speed below which what is left may be a reversal's form, and how far the filters
 #: carry that, in periods of the common cut-off.
 _SLOW, _REACH = 0.05, 1.0
@@ -54,8 +55,8 @@ def find_events(
 ) -> list[Event]:
     """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
 
-    What is smaller than a step of the named effects next to it may be that step at another moment, and is no
-    event: a lost motion is crossed a little earlier or later than a model says.
+    What is smaller than a step of the named effects next to it may be that step at another moment, as of a
+    lost motion that is crossed a little later, and is no event.
 
     Parameters
     ----------
@@ -66,13 +67,13 @@ def find_events(
     moving : ndarray (n,) of bool
     top_speed : ndarray (n,)
     change : sequence of ndarray (M, n), optional
-        Torque of each run that the named effects add to the declared model.
+        What the named effects add to the declared model.
 
     Returns
     -------
     list of dict
-        `run`, `joint`, `t` where it starts on the recording's own clock [s], `seconds` that it lasts, and
-        `size`: its largest torque that the model does not have, with its sign.
+        `run`, `joint`, `t` where it starts on the recording's own clock [s], `seconds` that it lasts, `size`:
+        its largest torque that the model does not have, with its sign, and `seen`: when it is above noise.
     """
     events: list[Event] = []
     for j in np.flatnonzero(moving).tolist():
@@ -95,11 +96,19 @@ def find_events(
             continue
         for run, x, some in zip(runs, own, _leave_places(runs, sizes, found, j), strict=True):
             for p in some:
-                t, missed = run.t[p], x[p] * run.keep[p, j]
-                peak = float(missed[np.argmax(np.abs(missed))])
-                where = {"run": run.file, "joint": joints[j], "t": run.start + float(t[0])}
-                events.append(where | {"seconds": float(t[-1] - t[0]), "size": peak})
+                where = {"run": run.file, "joint": joints[j]}
+                events.append(where | _describe(run.start + run.t[p], x[p] * run.keep[p, j]))
     return events
+
+
+def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
+    """When a torque that the model does not have is large, the largest, and the time in which it is seen."""
+    peak = int(np.argmax(np.abs(missed)))
+    small = missed / missed[peak] < _LASTS
+    first = float(t[np.max(np.flatnonzero(small[:peak]), initial=0)])
+    last = float(t[peak + np.argmax(np.append(small[peak:-1], True))])
+    seen = [float(t[0]), float(t[-1])]
+    return {"t": first, "seconds": last - first, "size": float(missed[peak]), "seen": seen}
 
 
 def _is_near_reversal(run: PreparedRun, joint: int, top: float) -> np.ndarray:
@@ -184,8 +193,8 @@ def _find_limit(size: np.ndarray) -> float:
 def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) -> list[slice]:
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
 
-    A longer one may be of several events that a filter's ringing joins: it is cut half way between those of
-    its parts that are loud next to its largest size, where none of these is longer than an event.
+    A longer one may be of several that a filter's ringing joins: it is cut half way between those of its
+    parts that are loud next to its largest size, where none of these is longer than an event.
     """
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
 
@@ -236,11 +245,11 @@ def _leave_places(
 
 def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint: str) -> np.ndarray:
     """Whether the torque at times `t` of a run is of an event, as far as the common filter carries it."""
-    reach, t = 0.5 / run.band.torque, t + run.start
+    reach, t = _REACH / run.band.torque, t + run.start
     marked = np.zeros(len(t), dtype=bool)
     for e in events:
         if e["joint"] == joint and e["run"] == run.file:
-            marked |= (t > e["t"] - reach) & (t < e["t"] + e["seconds"] + reach)
+            marked |= (t > e["seen"][0] - reach) & (t < e["seen"][1] + reach)
     return marked
 
 
@@ -317,22 +326,13 @@ def take_out_common(
     return out
 
 
-def tell_events(events: Sequence[Event], units: dict[str, str]) -> list[str]:
-    """A sentence on each event."""
-    return [
-        f"{e['run']}: {e['joint']}: torque that the model does not have at t = {e['t']:.2f} s for "
-        f"{e['seconds']:.2f} s, up to {e['size']:.3g} {units[e['joint']]}; an event, its rows are left out."
-        for e in events
-    ]
-
-
 def suggest_thresholds(
     runs: Sequence[PreparedRun], left: Sequence[np.ndarray], events: Sequence[Event], joints: Sequence[str]
 ) -> dict[str, dict[str, float]]:
     """By joint, the threshold of a collision detector on this model, and its rate of false alarms.
 
-    The threshold is the largest torque that the model misses on the test runs outside of events, at the
-    common bandwidth. No row exceeds it: its false alarms are fewer than three in the time that was tested.
+    The threshold is the largest torque that the model misses on the test runs outside of events. No row
+    exceeds it: its false alarms are fewer than three in the time that was tested.
     """
     found = {}
     for j, joint in enumerate(joints):
