@@ -40,6 +40,17 @@ def test_a_torque_in_another_unit_may_be_turned_round_too(tmp_path, factors):
     assert float(said[2]) == pytest.approx(factors[-1], rel=0.1)
 
 
+def test_torques_that_are_too_large_may_be_those_of_positions_in_turns(tmp_path):
+    """Next to a spring that the model lacks, a torque's size explains turns as well as turns do."""
+    bench = Bench(tmp_path, 2, seconds=9.0, size=0.5)
+    bench.record(
+        lambda q, v, a, rng, t: torque((1.0, 1.0), mass=1.2)(q, v, a, rng, t) + [[0.0, 2.0]] * (q - 0.3),
+        position=lambda q, k: q / (2.0 * np.pi),
+    )
+    assert "q is in rad and not in turns (those need --counts-per-turn 1)" in bench.refuse()
+    bench.accept("--counts-per-turn", "1")
+
+
 def test_what_is_said_of_a_turned_torque_in_another_unit_is_enough(tmp_path):
     """Both remedies are printed, and the load's friction of the first joint is then named."""
 

@@ -226,6 +226,7 @@ def _name_option(problem: str) -> str:
     problem = re.sub(r"convert it to the joint's (rad|m)\b", "give --position-unit, or --side motor", problem)
     unit = "give torque on the joint side of the gear in N m (or N)"
     problem = problem.replace(unit, f"{unit}, by --torque-constant or --torque-side motor")
+    problem = problem.replace("and not in turns", "and not in turns (those need --counts-per-turn 1)")
     joint = re.search(r"'tau_(\S+)'", problem)
     if joint is not None:
         problem = problem.replace("leave the joint out", f"leave it out with --reading {joint[1]}=none")

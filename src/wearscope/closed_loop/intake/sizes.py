@@ -135,6 +135,8 @@ def say_sizes(asked: Asked, at: np.ndarray, size: np.ndarray) -> tuple[str, tupl
         )
     elif 0.7 < abs(middle) * 180.0 / np.pi < 1.4:
         hint += ", and that q is in rad"
+    elif abs(middle) > _LARGE:
+        hint += ", and that q is in rad and not in turns"
     names, turned = asked.names(at), asked.names(at[size[at] < 0.0])
     if turned:
         hint += (
