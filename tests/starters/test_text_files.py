@@ -345,6 +345,36 @@ def test_a_torque_constant_is_for_one_unit_of_the_column_whose_name_says_a_unit(
         np.testing.assert_allclose(made.runs[0].frame[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor", "told"),
+    [
+        ("[cNm]", 1e-2, "in cnm by their names"),
+        ("(lb-ft)", 1.35582, "in lbft by their names"),
+        ("[counts]", 1.0, "in N m (N of a slide), as 'counts' is no known unit (else --torque-constant)"),
+    ],
+)
+def test_the_unit_of_a_torque_is_that_of_its_name_or_said_to_be_unknown(unit, factor, told, tmp_path):
+    (tmp_path / "robot.urdf").write_text(URDF)
+    head = ["t", "Pos 1 [Grad]", "Pos 2 [Grad]", f"torque 1 {unit}", f"torque 2 {unit}"]
+    table = np.column_stack([T, np.rad2deg(Q), TAU / factor])
+    np.savetxt(tmp_path / "a.csv", table, "%.9g", ",", header=",".join(head), comments="")
+    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
+    assert any(told in one for one in made.notes)
+    for k, joint in enumerate(("left_axis", "right_axis")):
+        np.testing.assert_allclose(made.runs[0].frame[f"q_{joint}"][:400], Q[:400, k], atol=1e-6)
+        np.testing.assert_allclose(made.runs[0].frame[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-6)
+
+
+@pytest.mark.parametrize("unit", ["_pct", " [% rated]", " [%]"])
+def test_a_share_of_a_rated_torque_is_no_torque(unit, tmp_path):
+    (tmp_path / "robot.urdf").write_text(URDF)
+    head = ["t", "q1", "q2", f"torque1{unit}", f"torque2{unit}"]
+    table = np.column_stack([T, Q, TAU])
+    np.savetxt(tmp_path / "a.csv", table, "%.9g", ",", header=",".join(head), comments="")
+    with pytest.raises(InputError, match=r"of a rated torque; give --torque-constant.* by 100"):
+        convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
+
+
 @pytest.mark.parametrize("end", ["\x0b", "\x0c", "\u0085", "\u2028"])
 def test_lines_that_no_table_ends_are_one_line(tmp_path, end):
     """Python splits texts there, pandas does not."""

@@ -11,7 +11,7 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 
 #: Units of a share of the rated torque or current.
-SHARES = ("%", "‰", "permille", "percent")
+SHARES = ("%", "‰", "permille", "percent", "pct")
 KINDS = ("position", "velocity", "torque", "current", "temperature")
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
@@ -58,30 +58,20 @@ _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 #: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
 _FACTORS = {
     "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295, "degree": 0.017453292519943295,
-    "degrees": 0.017453292519943295,
+    "degrees": 0.017453292519943295, "grad": 0.017453292519943295,
     "turn": 6.283185307179586, "turns": 6.283185307179586, "rev": 6.283185307179586, "mm": 1e-3, "m": 1.0,
-    "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2, "kgfcm": 0.0980665, "kgcm": 0.0980665, "kgfm": 9.80665,
-    "ozin": 0.00706155, "lbin": 0.112985, "lbfin": 0.112985, "n": 1.0, "kn": 1e3, "ma": 1e-3, "a": 1.0,
-    "rpm": 0.10471975511965977, "%": 1.0, "‰": 1.0, "permille": 1.0, "percent": 1.0,
+    "nm": 1.0, "mnm": 1e-3, "knm": 1e3, "danm": 10.0, "ncm": 1e-2, "cnm": 1e-2, "kgfcm": 0.0980665,
+    "kgcm": 0.0980665, "kgfm": 9.80665, "ozin": 0.00706155, "lbin": 0.112985, "lbfin": 0.112985,
+    "inlb": 0.112985, "lbft": 1.35582, "lbfft": 1.35582, "ftlb": 1.35582, "ftlbf": 1.35582, "n": 1.0,
+    "kn": 1e3, "ma": 1e-3, "a": 1.0, "rpm": 0.10471975511965977, **dict.fromkeys(SHARES, 1.0),
 }  # fmt: skip
 _UNITS_OF = {
-    "position": {"rad", "mrad", "deg", "degree", "degrees", "turn", "turns", "rev", "mm", "m"},
+    "position": {"rad", "mrad", "deg", "degree", "degrees", "grad", "turn", "turns", "rev", "mm", "m"},
     "velocity": {"rad", "mrad", "deg", "degree", "degrees", "mm", "m", "rpm"},
-    "torque": {
-        "nm",
-        "mnm",
-        "knm",
-        "ncm",
-        "kgfcm",
-        "kgcm",
-        "kgfm",
-        "ozin",
-        "lbin",
-        "lbfin",
-        "n",
-        "kn",
-        *SHARES,
-    },
+    "torque": set(
+        "nm mnm knm danm ncm cnm kgfcm kgcm kgfm ozin lbin lbfin inlb lbft lbfft ftlb ftlbf n kn".split()
+    )
+    | {*SHARES},
     "current": {"ma", "a", *SHARES},
     "temperature": set(),
 }
@@ -113,6 +103,13 @@ class Group:
     def units(self) -> list[str]:
         """Units that the names say, each once."""
         return [unit for unit in dict.fromkeys(find_unit(one, self.kind) for one in self.columns) if unit]
+
+    @property
+    def unknown(self) -> str:
+        """What stands in brackets in all names, where it is no unit; empty where nothing does."""
+        texts = {text for one in self.columns for text in _BRACKETS.findall(one)}
+        text = min(texts, default="")
+        return text if len(texts) == 1 and not self.units and re.fullmatch(r"\D*[^\W\d]\D*", text) else ""
 
     @property
     def factors(self) -> Array:
@@ -161,7 +158,8 @@ def find_unit(name: str, kind: str) -> str:
 def _split_unit(text: str) -> tuple[str, str]:
     """Unit without its time, and that: ``deg/s`` -> deg, s."""
     one, _, time = text.lower().replace("°", "deg").partition("/")
-    return re.sub(r"[^a-z%‰]", "", one), time.strip()
+    unit = re.sub(r"[^a-z%‰]", "", one)
+    return unit[:1] if unit.startswith(("%", "‰")) else unit, time.strip()
 
 
 def _kind_by_unit(name: str) -> str | None:

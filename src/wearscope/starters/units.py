@@ -201,12 +201,14 @@ def read_torque(
         raise InputError(
             f"{file}: column '{group.columns[0]}' is in {share} of a rated {group.kind}; give "
             f"--torque-constant: N m (N of a slide) for one unit of the column (the rated torque by "
-            f"{100 if share in ('%', 'percent') else 1000}), for each joint."
+            f"{1000 if share in ('‰', 'permille') else 100}), for each joint."
         )
     if "torque" in values:
         named = group.factors
         if np.any(named != 1.0):
             told = f", in {' and '.join(group.units)} by their names"
+        elif group.unknown:
+            told = f", in N m (N of a slide), as '{group.unknown}' is no known unit (else --torque-constant)"
         if constant is not None:
             factor = factor / named  # it is stated for one unit of the column, whatever the name says
             told = ", times --torque-constant"
