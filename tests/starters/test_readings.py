@@ -14,7 +14,7 @@ from recorded_chain import LINK, Bench, chain, rub
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
-from wearscope.cli.new_dataset import _name_option
+from wearscope.cli.new_dataset import _name_option, _read_columns
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake import zeros
 
@@ -257,6 +257,14 @@ def test_zeros_before_a_recording_begins_are_no_zero_of_its_positions(tmp_path):
     )
     notes = " ".join(bench.accept())
     assert "the rows before it are cut off" in notes and "at the start of every run" not in notes
+
+
+def test_sizes_of_columns_are_given_in_one_option_or_in_several():
+    assert _read_columns("shift", ()) == {}
+    both = {"q_a": 1.5, "q_b": -2.0}
+    assert (
+        both == _read_columns("shift", ("q_a=1.5,q_b=-2",)) == _read_columns("shift", ("q_a=1.5", "q_b=-2"))
+    )
 
 
 def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):

@@ -187,10 +187,10 @@ def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
 
 def _read_columns(option: str, entries: tuple[str, ...]) -> dict[str, float]:
     found = {}
-    for entry in entries:
+    for entry in ",".join(entries).split(",") if entries else ():
         column, _, size = entry.rpartition("=")
         try:
-            found[column] = float(size)
+            found[column.strip()] = float(size)
         except ValueError:
             raise InputError(f"--{option} {entry}: is no COLUMN=NUMBER; write e.g. q_j2=1.5708.") from None
     return found
