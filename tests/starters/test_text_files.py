@@ -165,9 +165,21 @@ def test_json_and_arrays_are_tables(name, tmp_path):
     assert np.allclose(frame[NAMES], whole[NAMES])
 
 
+@pytest.mark.parametrize("lines", [True, False])
+def test_lists_in_json_are_columns(lines, tmp_path):
+    whole = pd.DataFrame({"ts": T, "joint_positions": Q.tolist(), "joint_torques": TAU.tolist()})
+    file = tmp_path / ("a.jsonl" if lines else "a.json")
+    whole.to_json(file, orient="records", lines=lines, double_precision=12)
+    (tmp_path / "robot.urdf").write_text(URDF)
+    made = convert_recordings([file], tmp_path / "robot.urdf", Mapped()).runs[0].frame
+    for k, joint in enumerate(("left_axis", "right_axis")):
+        np.testing.assert_allclose(made[f"q_{joint}"][:400], Q[:400, k], atol=1e-7)
+        np.testing.assert_allclose(made[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-7)
+
+
 def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
-    (tmp_path / "a.jsonl").write_text('{"time": 0, "q": [1, 2]}\n' * 9)
-    with pytest.raises(InputError, match="'q' has several values in a row; give each a column"):
+    (tmp_path / "a.jsonl").write_text('{"time": 0, "q": {"left": 1, "right": 2}}\n' * 9)
+    with pytest.raises(InputError, match="'q' has named values in a row; give each a column"):
         read_recording(tmp_path / "a.jsonl")
     np.savez(tmp_path / "b.npz", q=np.array([{}], dtype=object))
     with pytest.raises(InputError, match="cannot be read as a table"):

@@ -50,7 +50,7 @@ _BARE = (
     | set("joint joints axis axes rax jnt j egm state states observation robot value".split())
 )
 _TIME = set(
-    "t time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel ipoc".split()
+    "t ts time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel ipoc".split()
 )
 _SECONDS = set("sec secs second seconds sekunden".split())
 #: Turns by the minute, as drives' makers write them.

@@ -95,8 +95,8 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
 
 def _check_cells(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
     for name in frame.select_dtypes("object"):
-        if frame[name].map(lambda cell: isinstance(cell, list | dict)).any():
-            raise InputError(f"{path}: '{name}' has several values in a row; give each a column of its own.")
+        if frame[name].map(lambda cell: isinstance(cell, dict)).any():
+            raise InputError(f"{path}: '{name}' has named values in a row; give each a column of its own.")
     return frame
 
 
