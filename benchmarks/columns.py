@@ -293,7 +293,7 @@ FAULTS = {
     "behind a filter of 15 ms": (smooth(0.015), ("late tau", "follow the motion"), True),
     "behind a filter of 50 ms": (smooth(0.050), ("late tau",), False),
     "payload undeclared": (load(0.1, (0.0, 0.0, 0.0)), (), True),
-    "heavy payload undeclared": (load(0.3, (0.05, 0.0, 0.1)), ("heavier than stated",), False),
+    "heavy payload undeclared": (load(0.3, (0.05, 0.0, 0.1)), ("a payload about", "a payload that"), False),
     "wraps round": (wrap, ("wrap", "step q"), False),
     "clipped": (clip, ("clipped tau", "at a limit"), False),
 }

@@ -386,6 +386,29 @@ def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
         assert float(has) == pytest.approx(weight, abs=0.02 * MASS * GRAVITY)
 
 
+def test_a_light_link_s_weight_is_not_missed_next_to_its_payload_s(tmp_path):
+    """Less than the link's own weight is missing, of a torque that the payload's makes."""
+    folder = swing(tmp_path / "p", 1.0)
+    slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)
+    slide, count = re.subn(r'mass value="[^"]*"', f'mass value="{0.02 * MASS}"', slide)
+    assert count
+    (folder / "robot.urdf").write_text(slide)
+
+    def lift(table):
+        v = np.gradient(table["q_pivot"], 1.0 / RATE)
+        weight = 0.985 * MASS * GRAVITY
+        return table.assign(tau_pivot=MASS * np.gradient(v, 1.0 / RATE) + 3.0 * np.sign(v) + weight)
+
+    def load(fields):
+        fields.update(units={"q": "m", "tau": "N"})
+        for run in fields["runs"]:
+            run["payload"] = {"mass": 0.98 * MASS, "com": [0.0, 0.0, 0.0]}
+
+    change_runs(folder, lift)
+    change_fields(folder, load)
+    assert not [note for note in check(folder).notes if "of the weight that" in note]
+
+
 @pytest.mark.parametrize("share", [0.03, slow(0.1)])
 def test_a_load_that_nobody_declared_is_no_other_unit(arm, tmp_path, share):
     """A last link of which the URDF knows a small share: its joint needs many times that, the others more."""

@@ -74,9 +74,10 @@ def find_missing_weight(rows: Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         x = np.column_stack([np.ones(at.sum()), rows.sign[at, j], rows.v[at, j], rows.a[at, j]])
         offset = np.linalg.lstsq(x, rows.tau[at, j] - rows.known[at, j], rcond=None)[0][0]
         means = np.array([one[at, j].mean() for one in gravities])
-        if abs(means[0]) > _WEIGHS * rows.products.scale[j]:
+        heavy = np.abs(means) > _WEIGHS * rows.products.scale[j]
+        if heavy[0]:
             weight[j], has[j] = means[0], means[0] + offset
-            lacks[j] = np.any(np.abs(offset + means) < _LACKS * np.abs(means))
+            lacks[j] = np.any(heavy & (np.abs(offset + means) < _LACKS * np.abs(means)))
     return weight, lacks, has
 
 
