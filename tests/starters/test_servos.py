@@ -265,8 +265,9 @@ def test_a_real_servo_from_its_own_columns(tmp_path):
     assert mapped.servo.back_emf + found[4] == pytest.approx(0.042, abs=0.009)
     assert 0.2 < found[5] < 0.6, "friction grows with the motor's torque"
     named = {entry["effect"]: entry for entry in diagnose(made).verdict["verdict"]}
+    # Of the load of the refitted arm, which is 1.3 times the stated one's.
     low, high = named["load_dependent_friction"]["parameters"]["coefficient"]["ci95"]
-    assert 0.4 < low < high < 0.8
+    assert 0.3 < low < high < 0.7
 
 
 @pytest.mark.slow
