@@ -148,13 +148,12 @@ def diagnose(
         progress(f"{len(events)} short events are left: the search starts again without their rows")
         prepared = problem.prepared
         calm = leave_out(prepared.runs, events, prepared.dataset.joints)
-        problem = Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late)
-        search.start_over(problem)
+        without = Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late)
+        search.start_over(without)
         again = conclude(search, find_terms(search), late)
-        if not explains_as_well(found, again):
-            return found
-        # What a model with the events' rows hid, one without them may show.
-        found = replace(again, events=events + list_events(again))
+        if explains_as_well(found, again):
+            # What a model with the events' rows hid, one without them may show.
+            problem, found = without, replace(again, events=events + list_events(again))
     return correct_loads(search, problem, found, late)
 
 

@@ -20,7 +20,7 @@ from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 _SLACK = {"trusted": 0.15, "approximate": 0.25}
 _CARRIED, _LOADED, _PAYLOAD = 0.01, 0.05, 3.0
 #: Share of a payload's mass that the torques tell, at least; of the stated one that may be missing, at most.
-_TOLD, _EMPTIED = 0.9, 1.2
+_TOLD, _EMPTIED = 0.9, 1.05
 #: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
 _ACTS = 1e-9
 #: Fewest rows of a joint that say something.

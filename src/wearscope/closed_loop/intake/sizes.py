@@ -156,8 +156,8 @@ def say_payload(mass: float) -> str:
     if np.isfinite(mass):
         told = f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated"
     return (
-        f"{told} explains the torques better. If the machine carries it, state it in 'payload'; otherwise "
-        "the last link's mass is off by as much."
+        f"{told} explains the torques better. If the machine carries it, state it as each run's 'payload'; "
+        "otherwise the last link's mass is off by as much."
     )
 
 
