@@ -10,6 +10,7 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.thinning import Budget, thin_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
@@ -110,6 +111,28 @@ def test_pieces_are_runs_of_one_file_with_the_same_rows(record):
     at = np.searchsorted(one.t, piece.t[inner] - 1e-6)
     np.testing.assert_allclose(piece.q[inner], one.q[at], atol=1e-4)
     np.testing.assert_allclose(piece.load[inner], one.load[at], atol=0.02 * one.load.std())
+
+
+@pytest.mark.parametrize("jump", [7.2e4, 1.7e9, 1e12])
+def test_a_gap_is_not_recorded_however_long(record, jump):
+    """A pause, a clock that finds the network's time, and stamps that are none."""
+    folder = record(runs=3)
+    whole = check(folder)
+    edit(folder, lambda table: table.assign(t=table["t"] + np.where(table.index >= 1200, jump, 0.0)))
+    split = check(folder)
+    assert not [note for note in split.notes if "more is recorded than" in note]
+    assert len(split.runs) == 2 * len(whole.runs)
+    for record_ in split.dataset.runs:
+        assert record_.seconds == pytest.approx(12.0, abs=0.02)
+    assert split.runs[1].start + split.runs[1].t[-1] == pytest.approx(jump + 12.0, abs=1.0)
+    waited = jump if jump < 1e6 else 0.0
+    assert split.runs[1].t[0] - split.runs[0].t[-1] == pytest.approx(waited, abs=1.0)
+    (note,) = [note for note in split.notes if "r0.parquet: column 't' jumps" in note]
+    assert "2 piece(s) of 12 s" in note and ("clock that was set" in note) == (not waited)
+    thinned = thin_dataset(split.dataset, Budget(joint_seconds=20.0, tested=1.0, stretch=2.0))
+    for run in thinned.runs:
+        inside = [(a, b) for a, b in run.stretches for c, d in run.recorded if c <= a < b <= d]
+        assert len(inside) == len(run.stretches) <= 12
 
 
 def test_lost_samples_do_not_count(record):

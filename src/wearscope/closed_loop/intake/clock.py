@@ -17,6 +17,8 @@ _OFF, _FAR_OFF = 0.02, 0.15
 _LOSS, _MOST_LOST = 1.6, 5
 #: A clock that stands still in more than this share of its steps is a coarse one.
 _MOST_REPEATED = 0.1
+#: A longer gap [s] is no pause: the clock was set, as a robot without one does when it finds the network's.
+_LONGEST_PAUSE = 7 * 86400.0
 #: Units of time that recorders write, over a second.
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
@@ -90,7 +92,7 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
     """Pieces of a run between its gaps, with notes.
 
     A few lost samples are left to interpolation and kept in `Run.losses`; what is too short between two gaps
-    is dropped.
+    is dropped. Where a clock was set, which no pause explains, its time goes on as before.
 
     Raises
     ------
@@ -110,8 +112,10 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
     if not len(gaps):
         return [replace(run, losses=losses)], notes
     edges = [0, *(gaps + 1).tolist(), len(run.t)]
+    jumps = np.diff(run.t)[gaps]
+    skipped = np.concatenate([[0.0], np.cumsum(np.where(jumps > _LONGEST_PAUSE, jumps, 0.0))])
     pieces = []
-    for start, stop in pairwise(edges):
+    for (start, stop), ahead in zip(pairwise(edges), skipped.tolist(), strict=True):
         t = run.t[start:stop]
         if len(t) < LEAST_ROWS or t[-1] - t[0] < LEAST_TIME:
             notes.append(
@@ -120,16 +124,17 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
             )
             continue
         inside = losses[(losses[:, 0] >= t[0]) & (losses[:, 1] <= t[-1])]
-        pieces.append(replace(run.cut(start, stop), losses=inside))
+        piece = run.cut(start, stop)
+        pieces.append(replace(piece, t=t - ahead, losses=inside - ahead, start=run.start + ahead))
     if not pieces:
         raise InputError(
             f"{where}: column 't' jumps so often that no second of it is whole; record the run again."
         )
-    first = int(gaps[0])
-    jump = run.t[first + 1] - run.t[first]
+    told = "; a gap of more than a week is taken as a clock that was set" if skipped[-1] else ""
     notes.append(
-        f"{run.file}: column 't' jumps at {len(gaps)} place(s), first by {jump:.6g} s "
-        f"at row {first + 1}; the run is used in {len(pieces)} piece(s)."
+        f"{run.file}: column 't' jumps at {len(gaps)} place(s), first by {jumps[0]:.6g} s at row "
+        f"{gaps[0] + 1}; the run is used in {len(pieces)} piece(s) of "
+        f"{sum(piece.t[-1] - piece.t[0] for piece in pieces):.0f} s{told}."
     )
     if len(pieces) > 1:
         pieces = [replace(piece, piece=k + 1) for k, piece in enumerate(pieces)]

@@ -48,8 +48,8 @@ class RunRecord:
         Span of each joint's position, and the step of its encoder; 0 where that does not show.
     load : callable
         Reads the recording: one `Run`, before its gaps split it.
-    seconds : float
-        From its first row to its last.
+    recorded : tuple of (float, float)
+        Times since the first row between which something is recorded: the pieces that its gaps leave.
     stretches : tuple of (float, float) or None
         Times since the first row between which it is used; all of it where None.
     """
@@ -61,8 +61,13 @@ class RunRecord:
     reach: np.ndarray
     quantum: np.ndarray
     load: Callable[[], Run]
-    seconds: float = 0.0
+    recorded: tuple[tuple[float, float], ...] = ()
     stretches: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Time that is recorded, without gaps."""
+        return sum(stop - start for start, stop in self.recorded)
 
 
 @dataclass
@@ -192,12 +197,13 @@ def _read_records(
         run = _read_run(folder, entry, fields)
         told += run.notes
         _check_run(folder / entry.file, run, fields)
-        split_at_gaps(run, fields.sample_rate, str(folder / run.file))
+        pieces, _ = split_at_gaps(run, fields.sample_rate, str(folder / run.file))
+        recorded = tuple((float(piece.t[0]), float(piece.t[-1])) for piece in pieces)
         signatures.append(sign_run(run, fields.sample_rate))
         load = partial(_read_run, folder, entry, fields)
-        reach, seconds = np.ptp(run.q, axis=0), float(run.t[-1])
+        reach = np.ptp(run.q, axis=0)
         quantum = np.zeros(len(reach)) if run.quantum is None else run.quantum
-        records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, quantum, load, seconds))
+        records.append(RunRecord(run.file, run.use, run.payload, run.session, reach, quantum, load, recorded))
     notes += merge_notes(told)
     _check_torques(folder, signatures, fields)
     return records, signatures

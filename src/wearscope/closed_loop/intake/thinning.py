@@ -142,10 +142,14 @@ def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
 
 
 def _split(number: int, record: RunRecord, budget: Budget) -> list[Stretch]:
-    """Stretches of one length that a recording consists of."""
-    count = max(1, round(record.seconds / budget.stretch))
-    edges = np.linspace(0.0, record.seconds, count + 1).tolist()
-    return [Stretch(number, a, b) for a, b in pairwise(edges)]
+    """Stretches of about one length that a recording consists of; a gap ends one."""
+    stretches = []
+    for start, stop in record.recorded:
+        count = max(1, round((stop - start) / budget.stretch))
+        stretches += [
+            Stretch(number, a, b) for a, b in pairwise(np.linspace(start, stop, count + 1).tolist())
+        ]
+    return stretches
 
 
 def _join(stretches: list[Stretch]) -> tuple[tuple[float, float], ...]:
