@@ -17,10 +17,16 @@ from wearscope.errors import InputError
 from wearscope.processes import end_with, identify_process
 
 T = TypeVar("T")
+#: Signals by which others end a process, such as the kernel where memory is short; a crash has other ones.
+_FROM_OUTSIDE = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
 
 
 class ProcessLost(Exception):
     """A process went on no longer; the message says why, as what follows the name of what it did."""
+
+
+class ProcessKilled(InputError):
+    """A process was ended by somebody else, which tells nothing of what it did."""
 
 
 def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:
@@ -29,7 +35,8 @@ def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]
     Parameters
     ----------
     work : callable
-        Makes the generator, in the child; what it yields must be picklable.
+        Makes the generator, in the child; what it yields must be picklable. It is called again, for what was
+        not yielded, where somebody else kills the child.
     limit : float
         Longest time to each next item, and to the end [s].
 
@@ -42,9 +49,18 @@ def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]
     ------
     ProcessLost
         Where the next item takes longer, or the child ends without one.
+    ProcessKilled
+        Where it was killed twice.
     Exception
         What the generator raises.
     """
+    try:
+        yield from _run_once(work, limit)
+    except ProcessKilled:
+        yield from _run_once(work, limit)
+
+
+def _run_once(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_serve, args=(work, sender, identify_process(os.getpid())), daemon=False)
@@ -58,7 +74,7 @@ def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]
                 kind, content = receiver.recv()
             except EOFError:
                 child.join()
-                raise ProcessLost(_describe_end(child.exitcode)) from None
+                raise _explain_end(child.exitcode) from None
             if kind == "end":
                 return
             if kind == "error":
@@ -101,6 +117,7 @@ def call_supervised(function: Callable[[], T], limit: float, what: str) -> T:
 
 def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -> None:
     end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # which ends this process as any signal does
     try:
         for item in work():
             sender.send(("item", item))
@@ -115,7 +132,13 @@ def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -
         sender.send(("end", None))
 
 
-def _describe_end(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"crashed its process ({signal.Signals(-code).name})"
-    return f"ended its process (exit code {code})"
+def _explain_end(code: int | None) -> ProcessLost | ProcessKilled:
+    if code is None or code >= 0:
+        return ProcessLost(f"ended its process (exit code {code})")
+    name = signal.Signals(-code).name
+    if -code in _FROM_OUTSIDE:
+        return ProcessKilled(
+            f"a process was killed twice ({name}), as the system does where memory is short; free memory or "
+            "use fewer cores, and run the same command again."
+        )
+    return ProcessLost(f"crashed its process ({name})")

@@ -284,11 +284,11 @@ def test_point_that_hangs_or_crashes_has_failed_and_the_others_are_the_same(
 
     def crash(model, dwell, step):
         if dwell > 0.06:
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getpid(), signal.SIGSEGV)
         return cycle.build(model, dwell, step)
 
     rows = [ROWS[0], ROWS[2], ROWS[1]]
-    for build, reason in ((stuck, "took longer than 5 s"), (crash, "crashed its process (SIGKILL)")):
+    for build, reason in ((stuck, "took longer than 5 s"), (crash, "crashed its process (SIGSEGV)")):
         folder, done = tmp_path / build.__name__, []
         mine = Cycle("mine", "Mine.", build)
         outcome = chunk.simulate_chunk(
@@ -301,6 +301,42 @@ def test_point_that_hangs_or_crashes_has_failed_and_the_others_are_the_same(
         assert not paths[3].exists()
         for k in (1, 2):
             assert paths[k].read_bytes() == point_path(tmp_path / "whole", "identification", k).read_bytes()
+
+
+@pytest.mark.parametrize("kills", [1, 2])
+def test_a_kill_that_nobody_ordered_is_no_failed_point(tmp_path, model, cycle, kills):
+    """As the kernel's where memory is short: tried once more, then the job fails, and leaves no result."""
+    whole = simulate(tmp_path / "whole", ROWS, model, cycle)
+    count = tmp_path / "kills"
+
+    def killed(model, dwell, step):
+        with count.open("a+") as file:
+            if file.tell() < kills:
+                file.write("x")
+                file.flush()
+                os.kill(os.getpid(), signal.SIGKILL)
+        return cycle.build(model, dwell, step)
+
+    folder, done = tmp_path / "killed", []
+
+    def attempt():
+        return chunk.simulate_chunk(
+            folder,
+            "identification",
+            ROWS,
+            model,
+            Cycle("mine", "M.", killed),
+            PLAN,
+            "code",
+            done.append,
+            60.0,
+        )
+
+    if kills == 2:
+        with pytest.raises(InputError, match=r"^a process was killed twice \(SIGKILL\).* free memory"):
+            attempt()
+    assert attempt() == whole
+    assert done == [1, 2, 3]
 
 
 def test_friction_law_without_its_speed_is_told(model):

@@ -1,6 +1,7 @@
 """A process of its own passes on what it does, and is ended where it does not go on."""
 
 import os
+import signal
 import time
 
 import pytest
@@ -66,6 +67,27 @@ def test_limit_holds_for_each_item_not_for_all():
     assert time.monotonic() - start < 5
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def test_work_goes_on_where_somebody_else_killed_it_once(tmp_path):
+    done = []
+
+    def work():
+        for number in range(len(done), 4):
+            if number == 2 and not (tmp_path / "killed").exists():
+                (tmp_path / "killed").touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+            yield number
+
+    for number in run_supervised(work, 10.0):
+        done.append(number)
+    assert done == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT", "SIGHUP"])
+def test_a_process_that_is_killed_twice_is_told(name):
+    with pytest.raises(InputError, match=rf"was killed twice \({name}\).*run the same command again"):
+        call_supervised(lambda: os.kill(os.getpid(), signal.Signals[name]), 10.0, "adding")
 
 
 def test_child_ends_when_nobody_waits_for_it():

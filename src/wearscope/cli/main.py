@@ -94,6 +94,8 @@ def main() -> None:
     except InputError as error:
         say(error, err=True)
         end_process(1)
+    except KeyboardInterrupt:
+        end_process(130)
     except OSError as error:
         if error.errno not in FULL:
             raise

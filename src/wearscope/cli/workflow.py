@@ -5,11 +5,12 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from wearscope.errors import InputError, explain_yaml
 from wearscope.files import FULL, check_plain, explain_unwritten, open_new, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml, take_label
-from wearscope.processes import PYTHON, isolate
+from wearscope.processes import PYTHON, STARTER, identify_process, isolate
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
 _PLANNED = re.compile(r"^total\s+(\d+)$")
@@ -32,6 +33,8 @@ _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error det
 _PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
 _SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
+#: Time in which Snakemake may end by itself what it started elsewhere [s].
+_GRACE = 2.0
 #: Lines of Snakemake's that do not say what went wrong.
 _CHATTER = re.compile(
     r"^(Shutting down|Exiting because|Complete log|At least one job|Using workflow specific profile|"
@@ -250,7 +253,7 @@ def build_command(
 def call_snakemake(
     command: Sequence[str], folder: Path, log: Path, watch: Callable[[Progress, float, str], None]
 ) -> tuple[int, Progress]:
-    """Run Snakemake with its output in a file; it ends with this process's wait.
+    """Run Snakemake with its output in a file; it and all its jobs end with this process, also interrupted.
 
     Parameters
     ----------
@@ -288,7 +291,13 @@ def call_snakemake(
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
-                env={**isolate(os.environ), "PYTHONUNBUFFERED": "1"},
+                env={
+                    **isolate(os.environ),
+                    "PYTHONUNBUFFERED": "1",
+                    STARTER: identify_process(os.getpid()),
+                },
+                stdin=subprocess.DEVNULL,
+                process_group=0,  # an interrupt of the terminal's is passed on once, here
             ) as process,
         ):
             assert process.stdout is not None
@@ -300,10 +309,22 @@ def call_snakemake(
                     progress.read(line, elapsed)
                     watch(progress, elapsed, line)
             except BaseException:
-                process.terminate()
+                _end_group(process)
                 raise
     except OSError as error:
         if error.errno in FULL and not error.filename:  # the log's, which an open file does not name
             raise explain_unwritten(log, error) from error
         raise
     return process.returncode, progress
+
+
+def _end_group(process: subprocess.Popen[str]) -> None:
+    """Interrupt Snakemake and its jobs, and kill what has not ended in a while: nothing is lost by that."""
+    try:
+        os.killpg(process.pid, signal.SIGINT)
+        process.wait(_GRACE)
+    except (ProcessLookupError, subprocess.TimeoutExpired):
+        pass
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)

@@ -173,14 +173,17 @@ def ask_recordings(
     joints = {name: j for j, name in enumerate(dataset.joints) if prepared.moving[j]}
     units = dict(zip(dataset.joints, dataset.torque_unit, strict=True))
     work = _Work(prepared, groups, model, detectors, factors, setting, joints, units)
-    at, found = "", []
+    at = ""
+    found: list[Asked] = []
     results: dict[str, Any] = {}
     try:
         steps = (
             work.ask_all() if setting.time_limit is None else run_supervised(work.ask_all, setting.time_limit)
         )
         for kind, content in steps:
-            if kind == "at":
+            if kind == "begin":  # also again, where somebody else killed the process
+                found.clear()
+            elif kind == "at":
                 at = content
             elif kind == "say":
                 progress(content)
@@ -226,9 +229,10 @@ class _Work:
     torque_units: Mapping[str, str]
 
     def ask_all(self) -> Iterator[tuple[str, Any]]:
-        """Yield what is done (``at``, ``say``), the runs (``asked``), then ``units``, ``idle``, ``noise``."""
+        """Yield ``begin``, progress (``at``, ``say``), runs (``asked``), ``units``, ``idle``, ``noise``."""
         units: dict[Cell, str] = {}
         idle, noise = {}, ""
+        yield "begin", None
         for group in self.groups:
             yield "at", f"{group.name}: the simulation of the model"
             simulated = Simulated(self.prepared, group, self.model, self.setting.seed)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -113,8 +112,11 @@ def collect_answers(
     answers: dict[Question, Answer] = {}
     complete: dict[Key, None] = {}
     lost: dict[tuple[str, int], int] = {}
+
+    def work() -> Iterator[tuple]:
+        return _ask_all(questions, frozenset(answers))
+
     while True:
-        work = partial(_ask_all, questions, frozenset(answers))
         asked: Question | None = None
         at = questions.where
         try:

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,8 @@ def simulate_chunk(
     Raises
     ------
     InputError
-        Where a point does not fit the robot, PyBullet cannot be trusted with it, or the disk refuses a file.
+        Where a point does not fit the robot, PyBullet cannot be trusted with it, the disk refuses a file, or
+        somebody else kills its process twice.
     """
     fingerprints = {int(row["point"]): fingerprint_point(common, plan, set_name, row) for row in rows}
     paths = {point: point_path(folder, set_name, point) for point in fingerprints}
@@ -150,8 +151,11 @@ def simulate_chunk(
         row for row in rows if read_fingerprint(paths[int(row["point"])]) != fingerprints[int(row["point"])]
     ]
     failed: dict[int, str] = {}
+
+    def work() -> Iterator[str | None]:
+        return _simulate_rows(list(missing), fingerprints, paths, set_name, model, cycle, plan)
+
     while missing:
-        work = partial(_simulate_rows, list(missing), fingerprints, paths, set_name, model, cycle, plan)
         try:
             for reason in work() if time_limit is None else run_supervised(work, time_limit):
                 point = int(missing.pop(0)["point"])
