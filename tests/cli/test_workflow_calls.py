@@ -61,6 +61,14 @@ def test_the_sentence_of_a_failed_job_is_the_last_line(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_killed_job_is_told_as_that(tmp_path):
+    """In a pool, as the platform's jobs: the shell's own end counts."""
+    done = run(tmp_path, body="kill -9 $$; ")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("a: its process was ended by SIGKILL, as by the system wh")
+
+
+@pytest.mark.slow
 def test_a_target_that_is_not_there_is_named(tmp_path):
     last = run(tmp_path, "track").stderr.splitlines()[-1]
     assert last == "the workflow has no target track; update wearscope, or correct the name."

@@ -8,11 +8,14 @@ import random
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import clones
 import pytest
+
+from wearscope.example import example_dataset
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +105,46 @@ def test_killed_at_a_random_moment(undisturbed, fresh, number):
     start_and_kill(fresh, moment, group=number % 4 != 3)
     check_interrupted(fresh, reference)
     check_finished(fresh, reference)
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(k, marks=pytest.mark.slow if k < 3 else pytest.mark.long) for k in range(50)]
+)
+def test_an_interrupt_ends_all_within_seconds(tmp_path, number):
+    """Ctrl-C goes to all processes of the terminal's foreground group."""
+    job = subprocess.Popen(
+        [sys.executable, "-P", "-m", "wearscope", "diagnose", str(example_dataset())],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        text=True,
+    )
+    time.sleep(1.0 + 0.3 * number if number >= 3 else (2.0, 7.0, 11.0)[number])
+    os.killpg(job.pid, signal.SIGINT)
+    said, _ = job.communicate(timeout=5)
+    assert job.returncode in (130, 0) and "Traceback" not in said
+    assert (job.returncode == 130) == ("Interrupted" in said)
+    assert list_processes(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_what_the_command_started_ends_with_it(tmp_path):
+    job = subprocess.Popen(
+        [sys.executable, "-P", "-m", "wearscope", "diagnose", str(example_dataset())],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + 60
+    while len(list_processes(tmp_path)) < 3 and time.monotonic() < end:
+        time.sleep(0.1)
+    job.kill()
+    job.wait()
+    end = time.monotonic() + 10
+    while list_processes(tmp_path) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert list_processes(tmp_path) == []
 
 
 @pytest.mark.long

@@ -32,6 +32,7 @@ _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error det
 #: What a job says of its own progress: parts done, or the step that a diagnosis is at.
 _PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
 _SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
+_DIED = re.compile(r"^Command '.+' died with <Signals\.(\w+): \d+>\.$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
 #: Time in which Snakemake may end by itself what it started elsewhere [s].
 _GRACE = 2.0
@@ -60,6 +61,8 @@ class Progress:
         Time that those parts still take at their own speed.
     rule, log : str
         Of the first job that failed.
+    ended_by : str
+        Signal that ended it, if one did.
     last : deque of str
         Last lines that are not empty.
     """
@@ -72,6 +75,7 @@ class Progress:
     begun: dict[str, tuple[float, int]] = field(default_factory=dict)
     rule: str = ""
     log: str = ""
+    ended_by: str = ""
     last: deque[str] = field(default_factory=lambda: deque(maxlen=60))
 
     def read(self, line: str, elapsed: float = 0.0) -> None:
@@ -89,6 +93,8 @@ class Progress:
             self.message = found[1]
         elif found := _BEGUN.match(line):
             self.message = found[2] or found[1].replace("_", " ")
+        elif (found := _DIED.match(line)) and not self.rule:
+            self.ended_by = found[1]
         elif (found := _FAILED.match(line)) and not self.rule:
             self.rule = found[1]
         elif (found := _LOG.match(line)) and self.rule and not self.log:
@@ -116,6 +122,11 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
     folder : Path
         Working directory of Snakemake.
     """
+    if progress.rule and progress.ended_by:
+        return (
+            f"{progress.rule}: its process was ended by {progress.ended_by}, as by the system where memory is "
+            "short; free memory or use fewer cores, and run the same command again."
+        )
     if progress.log:
         told = _last_line(folder / progress.log)
         plain = re.sub(r"^\[ *[\d.]+ s\] ", "", told)
