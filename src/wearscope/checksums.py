@@ -15,6 +15,14 @@ from wearscope.files import DamagedFile, check_plain, digest_file, set_aside, wr
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
+#: What pages of an answer lie next to, and what each answers.
+ANSWERS = {
+    "verdict.json": "diagnosis",
+    "tracking.json": "tracking",
+    "detection.json": "detection",
+    "conclusion.json": "study",
+    "reevaluation.parquet": "correction",
+}
 #: The configuration that a study was run with last, in its folder.
 SETTINGS = ".study.json"
 
@@ -77,6 +85,32 @@ def check_file(folder: str | Path, file: str | Path) -> None:
         raise DamagedFile(
             file, f"{file}: is not what was written (its checksum differs); delete it and make it again."
         )
+
+
+def check_shown(path: str | Path) -> None:
+    """Check a file that is about to be shown, by the checksum that a folder above it keeps; else it passes.
+
+    Raises
+    ------
+    DamagedFile
+        As of `check_file`.
+    """
+    path = Path(path).absolute()
+    for folder in path.parents:
+        if (folder / CHECKSUMS).is_dir():
+            check_file(folder, path)
+
+
+def check_answer(page: str | Path) -> None:
+    """Check a page that is about to be shown, and the answer next to it that it was made from.
+
+    Raises
+    ------
+    DamagedFile
+        As of `check_file`; also where a run that was stopped had begun to make the answer anew.
+    """
+    for name in (*ANSWERS, Path(page).name):
+        check_shown(Path(page).with_name(name))
 
 
 def withdraw(path: str | Path) -> list[Path]:

@@ -75,7 +75,7 @@ def explain_repair(folder: Path, files: Sequence[str]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; 1 where something is missing or damaged."""
+    """Command line; 1 where something is missing, damaged, or has no checksums."""
     parser = argparse.ArgumentParser(
         prog="python -m wearscope.integrity", description="Check all that a study's jobs have written."
     )
@@ -89,11 +89,16 @@ def main(arguments: list[str] | None = None) -> int:
     for place in [folder, *(one for one in sorted(folder.rglob("*")) if one.is_dir())]:
         for removed in clear_stale(place):
             print(f"{removed}: removed, a killed job had left it")
+    kept = sum(1 for _ in (folder / CHECKSUMS).rglob("*.sha256"))
+    if not kept:
+        told = "holds no checksums, so that nothing in it can be checked; name a folder directly below a"
+        print(f"{folder}: {told} project's results, and copy hidden files along.", file=sys.stderr)
+        return 1
     damaged = list(find_damage(folder))
     for error in damaged:
         print(error, file=sys.stderr)
     if not damaged:
-        print(f"{folder}: every checksum holds")
+        print(f"{folder}: {kept} files, every checksum holds")
         return 0
     if given.set_aside:
         again = sorted({str(file) for error in damaged for file in withdraw(error.path)})

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wearscope import limits
+from wearscope.checksums import check_shown
 from wearscope.errors import InputError
 from wearscope.files import read_json
 
@@ -54,6 +55,7 @@ def read_verdict(path: str | Path) -> dict[str, Any]:
     InputError
         Where it cannot be read, or its joints and named effects are not as a loop writes them.
     """
+    check_shown(path)
     return check_verdict(read_json(path), str(path))
 
 

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from job import run_job
+from job import clear_answer, run_job
 from wearscope.closed_loop.run import close_loop
 from wearscope.closed_loop.selection.policy import Policy
 
 with run_job(snakemake) as say:
     folder, params = Path(snakemake.output[0]).parent, snakemake.params
-    for old in folder.glob("*.parquet"):  # a table that this run does not write again would be the last one's
-        old.unlink()
+    clear_answer(folder)
     close_loop(
         Path(snakemake.input.dataset),
         folder,

@@ -110,6 +110,12 @@ def record_costs(log: Path, seconds: float) -> Path:
     return path
 
 
+def clear_answer(folder: Path) -> None:
+    """Remove the page and tables of the answer that a job makes anew: what it leaves is of one run alone."""
+    for old in (folder / "report.html", *folder.glob("*.parquet")):
+        old.unlink(missing_ok=True)
+
+
 def study_folder(file: str | Path) -> Path | None:
     """Folder of the study that a file is a result of, e.g. ``results/paper``; None for other files."""
     parts = Path(file).parts

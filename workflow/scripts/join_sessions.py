@@ -2,16 +2,17 @@
 
 from pathlib import Path
 
-from job import run_job
+from job import clear_answer, run_job
 from wearscope.tracking.run import join_sessions
 
 with run_job(snakemake):
-    params = snakemake.params
+    params, folder = snakemake.params, Path(snakemake.output[0]).parent
+    clear_answer(folder)
     join_sessions(
         snakemake.input.dataset,
         snakemake.input.reference[0],
         list(snakemake.input.sessions),
-        Path(snakemake.output[0]).parent,
+        folder,
         level=params.level,
         effects=params.effects,
         allow_code=params.allow_code,

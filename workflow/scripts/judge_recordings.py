@@ -2,14 +2,15 @@
 
 from pathlib import Path
 
-from job import run_job
+from job import clear_answer, run_job
 from wearscope.designs.factors import Factor
 from wearscope.detection.judgement import judge_recordings
 from wearscope.detection.run import Setting, ask_recordings
 from wearscope.detectors.questions import DetectorSpec
 
 with run_job(snakemake) as say:
-    params = snakemake.params
+    params, folder = snakemake.params, Path(snakemake.output[0]).parent
+    clear_answer(folder)
     setting = Setting(**params.setting)
     tested = ask_recordings(
         snakemake.input.dataset,
@@ -20,4 +21,4 @@ with run_job(snakemake) as say:
         say,
         params.allow_code,
     )
-    judge_recordings(tested, setting).write(Path(snakemake.output[0]).parent)
+    judge_recordings(tested, setting).write(folder)

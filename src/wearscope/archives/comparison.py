@@ -9,7 +9,7 @@ import pandas as pd
 from wearscope import tables
 from wearscope.archives.manifest import MADE, MANIFEST, Manifest, is_brought, parse_manifest
 from wearscope.archives.members import read_member, walk_archive
-from wearscope.checksums import SETTINGS
+from wearscope.checksums import SETTINGS, check_shown
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
 from wearscope.files import digest_file, load_json
@@ -147,7 +147,10 @@ class Content:
 
     def read(self, name: str) -> bytes:
         """Content of a file."""
-        return (self.path / name).read_bytes() if self.path.is_dir() else read_member(self.path, name)
+        if not self.path.is_dir():
+            return read_member(self.path, name)
+        check_shown(self.path / name)
+        return (self.path / name).read_bytes()
 
     def table(self, name: str) -> pd.DataFrame:
         """A table."""

@@ -11,6 +11,7 @@ from textwrap import wrap
 import click
 
 from wearscope import limits
+from wearscope.checksums import check_shown
 from wearscope.cli.say import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
@@ -119,6 +120,7 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
         _list(folder)
         return
     path = find_item(item, folder)
+    check_shown(path)
     if path.suffix in (".parquet", ".csv", ".json"):
         frame, units = read_frame(path)
         headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows)

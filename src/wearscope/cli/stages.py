@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from wearscope.checksums import check_answer
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
 from wearscope.cli.say import say
@@ -114,6 +115,7 @@ def show_result(path: Path, opened: bool = False) -> None:
     if path.is_file():
         from wearscope.reporting.page_strip import read_strip
 
+        check_answer(path)
         strip = read_strip(path)
         if strip is not None:
             say(strip.answer)

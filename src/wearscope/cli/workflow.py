@@ -124,8 +124,8 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
     """
     if progress.rule and progress.ended_by:
         return (
-            f"{progress.rule}: its process was ended by {progress.ended_by}, as by the system where memory is "
-            "short; free memory or use fewer cores, and run the same command again."
+            f"{progress.rule}: its process was ended by {progress.ended_by}, as by the system where memory "
+            "is short; free memory or use fewer cores, and run the same command again."
         )
     if progress.log:
         told = _last_line(folder / progress.log)

@@ -10,7 +10,8 @@ import pyarrow as pa
 from markupsafe import Markup
 
 from wearscope import tables
-from wearscope.checksums import SETTINGS
+from wearscope.checksums import ANSWERS, SETTINGS, check_answer
+from wearscope.files import DamagedFile
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text, read_detector_names
@@ -18,14 +19,6 @@ from wearscope.reporting.page import Section, badge, embed_chart, render_page, r
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.verdicts import read_verdict
 
-#: What made a page, by a file next to it.
-_KINDS = {
-    "verdict.json": "diagnosis",
-    "tracking.json": "tracking",
-    "detection.json": "detection",
-    "conclusion.json": "study",
-    "reevaluation.parquet": "correction",
-}
 #: What is followed over time, by kind of page.
 _QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
 _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
@@ -49,7 +42,11 @@ def find_answers(folder: Path) -> list[Answer]:
         strip = read_strip(page)
         if strip is None:
             continue
-        kind = next((kind for file, kind in _KINDS.items() if (page.parent / file).is_file()), "page")
+        kind = next((kind for file, kind in ANSWERS.items() if (page.parent / file).is_file()), "page")
+        try:
+            check_answer(page)
+        except DamagedFile as error:
+            kind, strip = "damaged", Strip(str(error), "bad", "", "", "")
         place = page.relative_to(folder)
         written = datetime.fromtimestamp(page.stat().st_mtime, UTC)
         name = place.parent.as_posix() if place.parent != Path() else folder.resolve().name
