@@ -45,6 +45,7 @@ class Plan:
             "checking": checking,
             "nominal": self.study.simulation.nominal_runs,
             "audit": self.study.count_audit_points(),
+            "recheck": 4 * len(self.study.audit.places) * len(self.study.scope.factors),
             "direct": 2 * asked.runs,
             **(apart if asked.mismatch else {}),
         }

@@ -10,8 +10,9 @@ from wearscope.designs.kinds import make_design
 from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation import direct
-from wearscope.evaluation.audit import audit_answers, audit_table, choose_audit_points
+from wearscope.evaluation.audit import audit_table, choose_audit_points
 from wearscope.evaluation.direct import direct_design, direct_table, mismatch_design, mismatch_table
+from wearscope.evaluation.evidence import weigh_evidence
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
     interpolation,
@@ -163,14 +164,14 @@ def test_a_right_surrogate_stands_its_audit_and_a_planted_wrong_one_is_withheld(
     )
     keys = [(f"r{seed}", "c", 1, "A") for seed in range(6)]
     right = audit_table(many, pd.DataFrame(), points, chosen=dict.fromkeys(keys, process))
-    answer = audit_answers(right).iloc[0]
+    answer = weigh_evidence(right).iloc[0]
     assert answer["answer"] == "given" and answer["share_inside"] >= 0.9
     assert (right["model"] == "chosen").all() and not right["extrapolated"].any()
 
     # A surrogate of other runs: its effect of wear is a tenth too small.
     y = runs(Z) - 0.3 * Z[:, 0]
     wrong = choose_surrogate(Z, y, NAMES, NOMINAL, ["gaussian_process"])[0]
-    failing = audit_answers(audit_table(many, pd.DataFrame(), points, chosen=dict.fromkeys(keys, wrong)))
+    failing = weigh_evidence(audit_table(many, pd.DataFrame(), points, chosen=dict.fromkeys(keys, wrong)))
     assert failing["answer"].tolist() == ["withheld"]
     assert failing["share_inside"].item() < 0.5
 
@@ -178,7 +179,7 @@ def test_a_right_surrogate_stands_its_audit_and_a_planted_wrong_one_is_withheld(
 def test_what_failed_is_not_audited_rather_than_withheld(process):
     points = choose_audit_points(PAPER_FACTORS, {"w3": (1.0, 0.5)}, points=3)
     lost = direct_values(points).assign(set="audit", y=np.nan)
-    answer = audit_answers(audit_table(lost, pd.DataFrame(), points, chosen={KEY: process})).iloc[0]
+    answer = weigh_evidence(audit_table(lost, pd.DataFrame(), points, chosen={KEY: process})).iloc[0]
     assert answer["answer"] == "not audited" and answer["n"] == 0
 
 

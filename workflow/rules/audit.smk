@@ -1,4 +1,5 @@
 AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_verdicts", "audit_answers")]
+AUDIT_PARTS = expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED)
 
 
 rule audit:
@@ -57,11 +58,70 @@ use rule compute_test_quantities as compute_audit_quantities with:
         "Compute the audit's test quantities of {wildcards.robot}, {wildcards.cycle}"
 
 
-rule audit_surrogates:
+# A first look at the evidence: the design of a second one, without points where nothing is close.
+checkpoint weigh_audit:
     input:
         points=f"{R}/design/audit.parquet",
-        parts=expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED),
+        parts=AUDIT_PARTS,
         asked=list(asked_of(STUDY.scope.model)(None).values()),
+        direct=DIRECT_TABLES,
+        scope=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
+        code=lambda w: code("weigh_audit"),
+    output:
+        f"{R}/design/recheck.parquet",
+    log:
+        f"{R}/logs/weigh_audit.log",
+    conda:
+        ENV
+    params:
+        model=STUDY.scope.model,
+        factors=FACTORS,
+        about=STUDY.scope.factors,
+        places=STUDY.audit.places,
+        axes=STUDY.axes,
+        f0=STUDY.scope.f0,
+        detection=STUDY.scope.p_d,
+    message:
+        "Weigh the evidence of the audit; where it is close, choose more points"
+    script:
+        "../scripts/weigh_audit.py"
+
+
+use rule compute_audit_quantities as compute_recheck_quantities with:
+    input:
+        **PLAN.quantity_inputs("recheck"),
+        recheck=f"{R}/design/recheck.parquet",
+        nominal=f"{R}/design/nominal.parquet",
+        robot=lambda w: robot_files(ROBOTS[w.robot]),
+        code=lambda w: code("compute_test_quantities", *detector_files(), *robot_effects(ROBOTS[w.robot])),
+    output:
+        table=f"{R}/parts/recheck_quantities/{{robot}}/{{cycle}}.parquet",
+        failed=f"{R}/parts/recheck_failed_simulations/{{robot}}/{{cycle}}.parquet",
+    log:
+        f"{R}/logs/compute_recheck_quantities/{{robot}}/{{cycle}}.log",
+    params:
+        sets=["recheck"],
+    message:
+        "Compute the test quantities of the audit's further points of {wildcards.robot}, {wildcards.cycle}"
+
+
+def rechecked(wildcards):
+    """Test quantities of the second look; none where the first leaves nothing open."""
+    import pyarrow.parquet
+
+    design = checkpoints.weigh_audit.get().output[0]
+    if not pyarrow.parquet.read_metadata(design).num_rows:
+        return []
+    return expand("{R}/parts/recheck_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED)
+
+
+rule audit_surrogates:
+    input:
+        points=[f"{R}/design/audit.parquet", f"{R}/design/recheck.parquet"],
+        parts=AUDIT_PARTS,
+        more=rechecked,
+        asked=list(asked_of(STUDY.scope.model)(None).values()),
+        direct=DIRECT_TABLES,
         code=lambda w: code("audit_surrogates"),
     output:
         audit=f"{R}/audit.parquet",

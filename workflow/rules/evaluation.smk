@@ -143,7 +143,8 @@ rule draw_conclusion:
         test_quantities=whole("test_quantities"),
         scope=whole("scope"),
         snr=f"{R}/snr.parquet",
-        answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
+        audit=AUDIT_TABLES if STUDY.audit.enabled else [],
+        direct=DIRECT_TABLES,
         code=lambda w: code("draw_conclusion"),
     output:
         conclusion=f"{R}/conclusion.json",

@@ -1,13 +1,14 @@
 """Which detector to use, what it finds and bears, and its thresholds."""
 
 import json
+from functools import partial
 
 from job import run_job
 from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.detectors.base import list_bounds
-from wearscope.evaluation.audit import withheld_answers
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
+from wearscope.evaluation.evidence import resample_evidence, withheld_answers
 from wearscope.evaluation.snr import answer_rows
 from wearscope.surrogates.chosen import read_cells
 
@@ -18,15 +19,18 @@ COLUMNS = [
 with run_job(snakemake):
     given, out, params = snakemake.input, snakemake.output, snakemake.params
     factors = [Factor(**one) for one in params.factors]
+    audited = [tables.read_table(file) for file in given.get("audit", [])]
+    direct = tables.read_table(given.direct[0]) if len(given.get("direct", [])) else None
     conclusions, rankings = conclude_study(
         tables.Parts(given.scope, COLUMNS),
         answer_rows(tables.read_table(given.snr)),
         factors,
         params.scope["p_f"],
         params.scope["p_d"],
-        withheld_answers(tables.read_table(given.answers)) if given.get("answers") else [],
+        withheld_answers(audited[2]) if audited else [],
         params.seed,
         list_bounds(params.detectors),
+        partial(resample_evidence, *audited[:2], direct) if audited else None,
     )
     cells = (
         read_cells(params.scope["model"], *asked)

@@ -4,11 +4,13 @@ import pandas as pd
 
 from job import run_job
 from wearscope import tables
-from wearscope.evaluation.audit import audit_answers, audit_verdicts
+from wearscope.evaluation.audit import audit_verdicts
+from wearscope.evaluation.evidence import weigh_evidence
 
 with run_job(snakemake):
     out = snakemake.output
     table = pd.concat(list(tables.Parts(snakemake.input.parts)), ignore_index=True)
     tables.write_table(out.audit, table)
-    tables.write_table(out.verdicts, audit_verdicts(table))
-    tables.write_table(out.answers, audit_answers(table))
+    verdicts = audit_verdicts(table)
+    tables.write_table(out.verdicts, verdicts)
+    tables.write_table(out.answers, weigh_evidence(table, verdicts))

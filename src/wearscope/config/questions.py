@@ -79,6 +79,9 @@ class AuditSettings(Section):
     """Points simulated directly a robot and test-cycle, most telling first."""
     cycles: Annotated[int, Field(ge=1)] = 2
     """Number of test-cycles audited, the first ones of `cycles`."""
+    places: Annotated[list[Probability], Field(min_length=1)] = Field(default=[0.25, 0.75])
+    """Where the evidence is close: places along the edge of each scope at which more points are simulated,
+    as shares of its length; the first points lie in its middle."""
 
 
 class DirectSettings(Section):

@@ -16,22 +16,29 @@ from wearscope.designs.factors import (
     worn_factor,
 )
 from wearscope.designs.kinds import design_table
+from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import wilson_interval
+from wearscope.evaluation.evidence import draw_runs
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
 
 AUDIT = "audit"
+#: Set of the points that are simulated in addition where the evidence is close.
+RECHECK = "recheck"
+#: Runs drawn from a surrogate to see how its misses go together.
+DRAWS = 400
 _ABOUT = ["reason", "hypothesis", "factor", "delta", "sigma", "worn_axis"]
 
 
-def scope_boundary(scope: pd.DataFrame, factor: str, share: float = 0.5) -> tuple[float, float]:
+def scope_boundary(
+    scope: pd.DataFrame, factor: str, share: float = 0.5, place: float = 0.5
+) -> tuple[float, float]:
     """A grid cell (Delta, sigma) at the edge of the scope of most cells.
 
     Over all cells of the table, by the exact method where it is there: for each sigma the smallest Delta at
-    which at least `share` of the cells pass; of these the one in the middle of the sigmas. Without any, the
-    largest Delta and the smallest sigma.
+    which at least `share` of the cells pass; of these the one at the share `place` of the sigmas. Without
+    any, the largest Delta and the smallest sigma.
 
     Raises
     ------
@@ -51,7 +58,7 @@ def scope_boundary(scope: pd.DataFrame, factor: str, share: float = 0.5) -> tupl
         for sigma, row in zip(passing.index, reached, strict=True)
         if row.any()
     ]
-    return edges[len(edges) // 2] if edges else (float(deltas[-1]), float(passing.index[0]))
+    return edges[int(place * len(edges))] if edges else (float(deltas[-1]), float(passing.index[0]))
 
 
 def choose_audit_points(
@@ -118,6 +125,44 @@ def choose_audit_points(
     return table
 
 
+def choose_more_points(
+    factors: Sequence[Factor],
+    scope: pd.DataFrame,
+    about: Sequence[str],
+    places: Sequence[float],
+    axes: Sequence[int] = (1, 2, 3),
+    f0: float = -2.0,
+    detection: float = 0.99,
+    first: int = 1,
+) -> pd.DataFrame:
+    """Points for a second look, where those of the audit leave it open: at other places of each boundary.
+
+    Parameters
+    ----------
+    factors, axes, f0, detection
+        As in `choose_audit_points`.
+    scope : DataFrame
+    about : sequence of str
+        Nuisances whose boundaries are looked at.
+    places : sequence of float
+        Shares of the sigmas at which that is done, as in `scope_boundary`.
+    first : int
+        Number of the first point.
+
+    Returns
+    -------
+    DataFrame
+        As from `choose_audit_points`: 4 points a place and nuisance.
+    """
+    parts = []
+    for place in places:
+        edges = {name: scope_boundary(scope, name, place=place) for name in about}
+        found = choose_audit_points(factors, edges, 1 + 4 * len(edges), axes, f0, detection)
+        parts.append(found[found["reason"] == "scope boundary"])
+    table = pd.concat(parts, ignore_index=True)
+    return table.assign(point=np.arange(first, first + len(table)))
+
+
 def audit_table(
     test_quantities: pd.DataFrame,
     surrogates: pd.DataFrame,
@@ -145,7 +190,8 @@ def audit_table(
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``,
         ``low``, ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is
         NaN), ``status`` where the test quantities have it, ``leverage`` (variance of the predicted mean over
-        that of a run), ``extrapolated`` (leverage > 1); then what `points` says.
+        that of a run), ``extrapolated`` (leverage > 1), ``variance`` (of the number of the cell's values
+        that lie outside by chance, over how many there are); then what `points` says.
 
     Raises
     ------
@@ -183,50 +229,15 @@ def audit_table(
             part["status"] = cell["status"]
         part["leverage"] = leverage
         part["extrapolated"] = leverage > 1
+        runs = draw_runs(surrogate, z, generator_for(0, "audit", cell_name(key)), DRAWS)
+        outside = np.sum((runs < low - slack) | (runs > high + slack), axis=1)
+        part["variance"] = outside.var() / len(z)
         parts.append(part)
     table = pd.concat(parts, ignore_index=True)
     if points is not None:
         about = [name for name in _ABOUT if name in points.columns]
         table = table.merge(points[["point", *about]], on="point", how="left", validate="many_to_one")
     return table
-
-
-def audit_answers(audit: pd.DataFrame) -> pd.DataFrame:
-    """Which detectors' answers stand, and which are withheld.
-
-    An answer is withheld where the direct values lie outside their 95 % intervals more often than chance
-    allows: where even the upper end of the Wilson interval of the share inside is below that. Of 108
-    values 98 inside are too few.
-
-    Parameters
-    ----------
-    audit : DataFrame
-        From `audit_table`.
-
-    Returns
-    -------
-    DataFrame
-        ``fda``, ``model``, ``n``, ``n_inside``, ``share_inside``, ``share_low``, ``share_high``, ``answer``:
-        ``given``, ``withheld``, or ``not audited`` where every audited value failed.
-    """
-    records = []
-    for (fda, model), rows in audit.groupby(["fda", "model"], sort=True, observed=True):
-        counts = _count_inside(rows[~rows["failed"]])
-        answer = "withheld" if counts["share_high"] < 0.95 else "given"
-        records.append(
-            {"fda": fda, "model": model, **counts, "answer": answer if counts["n"] else "not audited"}
-        )
-    return pd.DataFrame(records)
-
-
-def _count_inside(good: pd.DataFrame) -> dict[str, float]:
-    """How many of the audited values lie in their intervals, and their share with its Wilson interval."""
-    inside = int(good["inside"].sum())
-    low, high = wilson_interval(inside, len(good))
-    share = inside / len(good) if len(good) else np.nan
-    return {
-        "n": len(good), "n_inside": inside, "share_inside": share, "share_low": low, "share_high": high,
-    }  # fmt: skip
 
 
 def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
@@ -245,8 +256,10 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``,
-        ``passes_surrogate``, ``passes_direct``, ``agrees``: cells whose own axis was worn, all four runs.
+        ``passes_surrogate``, ``passes_direct``, ``agrees``, and ``chance``, the probability that they do
+        not where the surrogate is right: cells whose own axis was worn, all four runs.
     """
+    scatter = generator_for(0, "audit verdicts").standard_normal((2000, 2))
     rows = audit[(audit["factor"] != "") & ~audit["failed"]]
     keys = [*CELL, "model", "factor", "delta", "sigma"]
     records = []
@@ -260,11 +273,14 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
             for name in ("surrogate", "direct")
         }
         agrees = verdict["passes_surrogate"] == verdict["passes_direct"]
-        records.append({**dict(zip(keys, key, strict=True)), **verdict, "agrees": agrees})
-    columns = [*keys, "passes_surrogate", "passes_direct", "agrees"]
+        edge = _scatter(worn, scatter).min(axis=1) >= _scatter(null, scatter[::-1]).max(axis=1)
+        chance = float(np.mean(edge != verdict["passes_surrogate"]))
+        records.append({**dict(zip(keys, key, strict=True)), **verdict, "agrees": agrees, "chance": chance})
+    columns = [*keys, "passes_surrogate", "passes_direct", "agrees", "chance"]
     return pd.DataFrame(records, columns=columns)
 
 
-def withheld_answers(answers: pd.DataFrame) -> list[str]:
-    """Detectors of the audit's answers that are withheld, sorted."""
-    return sorted(answers.loc[answers["answer"] == "withheld", "fda"])
+def _scatter(rows: pd.DataFrame, scatter: np.ndarray) -> np.ndarray:
+    """Values (N, 2) of two audited runs that the surrogate's intervals allow."""
+    values = rows[["y_surrogate", "low", "high"]].to_numpy(dtype=float)[:2].T
+    return values[0] + scatter * (values[2] - values[1]) / (2 * special.ndtri(0.975))

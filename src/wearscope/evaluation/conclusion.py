@@ -1,6 +1,6 @@
 """Which detector to use, what it finds and what it tolerates: a study's answer in numbers, not in words."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -8,7 +8,14 @@ import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.detection import detection_table
-from wearscope.evaluation.ranking import rank_deployable
+from wearscope.evaluation.recommendation import (
+    RESAMPLINGS,
+    Recommendation,
+    choose_method,
+    pick_detector,
+    reach_table,
+    recommend,
+)
 from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
 from wearscope.evaluation.tolerance import largest_passing
@@ -64,6 +71,10 @@ class Conclusion:
         Probability of false alarm at most, of detection at least.
     upper : list of str
         Detectors that are told the simulator's law: upper bounds, never recommended.
+    agree, resamplings : int
+        How often the choice was made again, and in how many of these the same detector comes out.
+    cells_first : int
+        Cells in which the detector has the largest SNR of all that may be recommended.
     """
 
     robot: str
@@ -78,6 +89,9 @@ class Conclusion:
     p_f: float
     p_d: float
     upper: list[str] = field(default_factory=list)
+    agree: int = 0
+    resamplings: int = 0
+    cells_first: int = 0
 
     def to_mapping(self) -> dict[str, object]:
         """Fields as JSON holds them; NaN is null."""
@@ -102,12 +116,12 @@ def draw_conclusion(
     p_d: float,
     withheld: Collection[str] = (),
     robot: str = "",
+    recommended: Recommendation | None = None,
 ) -> Conclusion:
     """Detector to use, the smallest change of wear that it finds, and how much it tolerates of each factor.
 
-    Of the detectors with the best median SNR and those not told apart from it, the one whose scope is sure on
-    the largest part of the grid. The change of wear is the smallest at which it bears, of every factor, half
-    of the largest variation that it bears at any change: below, a little less wear costs much tolerance.
+    The change of wear is the smallest at which it bears, of every factor, half of the largest variation that
+    it bears at any change: below, a little less wear costs much tolerance.
 
     Parameters
     ----------
@@ -122,22 +136,20 @@ def draw_conclusion(
     withheld : collection of str
     robot : str
         For the record.
+    recommended : Recommendation, optional
+        What `recommend` found; else the ranking is picked from as it is.
     """
     counts = add_counts(count_scope(choose_method(part)) for part in scope)
     shown_sure = bool(counts["known"].any())
     # Where no confidence was asked, the estimates alone decide.
     counts = counts.assign(sure=counts["sure" if shown_sure else "passes"])
-    ranked = ranking["rank"].notna()
-    upper = sorted(ranking.loc[~ranked, "fda"])
-    kept = ranking[ranked & ~ranking["fda"].isin(list(withheld)) & (ranking["median"] > 0)]
-    if kept.empty:
+    upper = sorted(ranking.loc[ranking["rank"].isna(), "fda"])
+    if recommended is None:
+        totals = counts.groupby("fda")[["sure", "cells"]].sum()
+        recommended = Recommendation(*pick_detector(ranking, totals["sure"] / totals["cells"], withheld))
+    chosen, again = recommended.detector, RESAMPLINGS if recommended.agree else 0
+    if not chosen:
         return Conclusion(robot, "", [], sorted(withheld), np.nan, [], 0, 0, shown_sure, p_f, p_d, upper)
-    best = kept.iloc[0]
-    tied = [name for name in str(best["tied_with"]).split(", ") if name in set(kept["fda"])]
-    candidates = [str(best["fda"]), *tied]
-    totals = counts.groupby("fda")[["sure", "cells"]].sum()
-    reach = totals["sure"] / totals["cells"]
-    chosen = max(candidates, key=lambda name: (float(reach.get(name, 0.0)), -candidates.index(name)))
     delta, borne = smallest_change(counts[counts["fda"] == chosen])
     cells, sure = 0, 0
     for part in scope:
@@ -150,15 +162,9 @@ def draw_conclusion(
         Bound(name, float(sigma * steps[name]), bool(sigma >= ends[name])) for name, sigma in borne.items()
     ]
     return Conclusion(
-        robot, chosen, sorted(set(candidates) - {chosen}), sorted(withheld), float(delta * steps[FAULT]),
-        bounds, cells, sure, shown_sure, p_f, p_d, upper,
+        robot, chosen, recommended.tied_with, sorted(withheld), float(delta * steps[FAULT]),
+        bounds, cells, sure, shown_sure, p_f, p_d, upper, recommended.agree, again, recommended.cells_first,
     )  # fmt: skip
-
-
-def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the exact method, of the other where that was not asked."""
-    exact = scope["method"] == "exact"
-    return scope[exact] if exact.any() else scope
 
 
 def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
@@ -270,6 +276,7 @@ def conclude_study(
     withheld: Collection[str] = (),
     seed: int = 0,
     upper: Collection[str] = (),
+    again: Callable[[np.random.Generator], Collection[str]] | None = None,
 ) -> tuple[list[Conclusion], pd.DataFrame]:
     """Conclusions of all robots together and, where there are several, of each; and their rankings.
 
@@ -283,6 +290,8 @@ def conclude_study(
     seed : int
     upper : collection of str
         Detectors that are told the simulator's law; they get no rank.
+    again : callable, optional
+        What is withheld when the choice is made again, as in `recommend`.
 
     Returns
     -------
@@ -293,13 +302,18 @@ def conclude_study(
     """
     robots = sorted(snr["robot"].unique())
     robots = robots if len(robots) > 1 else []
-    rankings = {"": rank_deployable(snr, upper, seed=seed)}
-    rankings |= {robot: rank_deployable(snr[snr["robot"] == robot], upper, seed=seed) for robot in robots}
+    reach = reach_table(scope)
+    chosen = {}
+    for robot in ("", *robots):
+        cells, reached = (table if not robot else table[table["robot"] == robot] for table in (snr, reach))
+        chosen[robot] = recommend(cells, reached, upper, withheld, again, seed)
+    rankings = {robot: ranking for robot, (_, ranking) in chosen.items()}
     asked = (factors, p_f, p_d, withheld)
-    found = {"": draw_conclusion(scope, rankings[""], *asked)}
+    found = {"": draw_conclusion(scope, rankings[""], *asked, recommended=chosen[""][0])}
     for part in scope if robots else ():
         for robot, rows in part.groupby("robot", sort=False):
-            found[str(robot)] = draw_conclusion([rows], rankings[str(robot)], *asked, str(robot))
+            own = chosen[str(robot)]
+            found[str(robot)] = draw_conclusion([rows], own[1], *asked, str(robot), own[0])
     table = pd.concat([rows.assign(robot=robot) for robot, rows in rankings.items()], ignore_index=True)
     conclusions = [found[robot] for robot in rankings]
     return conclusions, table[["robot", *(name for name in table.columns if name != "robot")]]

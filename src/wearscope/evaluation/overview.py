@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.conclusion import Conclusion, choose_method, count_sure, smallest_change
+from wearscope.evaluation.conclusion import Conclusion, count_sure, smallest_change
+from wearscope.evaluation.recommendation import choose_method
 from wearscope.evaluation.scope_counts import count_scope
 
 
