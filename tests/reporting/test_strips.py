@@ -17,7 +17,7 @@ from reporting.test_tracking_page import write as write_tracking
 from benchmarks.strips import check_top
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
-from wearscope.reporting.conclusion import study_strip
+from wearscope.reporting.conclusion import certainty, study_strip
 from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import find_answers, render_history, trend_table
@@ -106,10 +106,10 @@ def test_a_study_s_strip_is_its_conclusion(asked, robot, tmp_path):
         return
     told = numbers_of(strip.answer)
     assert float(f"{one.wear:.2g}") in told
+    assert all(float(f"{1.96 * bound.sigma:.2g}") in told for bound in one.bounds)
     sure = numbers_of(strip.sure)
-    assert all(float(f"{1.96 * bound.sigma:.2g}") in sure for bound in one.bounds)
-    assert 100 * one.p_f in sure and 100 * one.p_d in sure
-    assert strip.kind == ("good" if one.cells_sure == one.cells and not one.tied_with else "unsure")
+    assert {100 * one.p_f, 100 * one.p_d, one.agree, one.resamplings, one.cells_first} <= set(sure)
+    assert strip.kind == certainty(asked, one)
 
 
 @pytest.mark.parametrize("entries", [0, 1, 2])

@@ -105,16 +105,6 @@ use rule compute_audit_quantities as compute_recheck_quantities with:
         "Compute the test quantities of the audit's further points of {wildcards.robot}, {wildcards.cycle}"
 
 
-def rechecked(wildcards):
-    """Test quantities of the second look; none where the first leaves nothing open."""
-    import pyarrow.parquet
-
-    design = checkpoints.weigh_audit.get().output[0]
-    if not pyarrow.parquet.read_metadata(design).num_rows:
-        return []
-    return expand("{R}/parts/recheck_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED)
-
-
 rule audit_surrogates:
     input:
         points=[f"{R}/design/audit.parquet", f"{R}/design/recheck.parquet"],

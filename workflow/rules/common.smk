@@ -7,6 +7,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from pyarrow.parquet import read_metadata
 from snakemake.io import sourcecache_entry
 
 # The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
@@ -297,6 +298,14 @@ def asked_of(model, find=lambda table: f"{R}/{table}.parquet"):
     tables = ["surrogates", *(["chosen_surrogates", "test_quantities"] if model == "chosen" else [])]
     files = {"chosen" if table == "chosen_surrogates" else table: find(table) for table in tables}
     return lambda wildcards: files
+
+
+def rechecked(wildcards):
+    """Test quantities of the second look; none where the first leaves nothing open."""
+    design = checkpoints.weigh_audit.get().output[0]
+    if not read_metadata(design).num_rows:
+        return []
+    return expand("{R}/parts/recheck_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED)
 
 
 def refuse_without_dataset(wildcards):

@@ -60,10 +60,13 @@ class FactorSettings(Section):
     validation: tuple[float, float] | None = None
     """Natural values of the levels -2 and +2 in the validation runs (Table 3); the inner 80 % of
     the range where left out."""
+    shift: tuple[float, float] | None = None
+    """Natural values between which it moves within a shift: what a detector must stand. The answer is set
+    against it; assumed to be `range` where left out."""
 
     @model_validator(mode="after")
     def _rising(self) -> "FactorSettings":
-        for name in ("range", "validation"):
+        for name in ("range", "validation", "shift"):
             pair = getattr(self, name)
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{name}: its first number {pair[0]:g} is not below its second {pair[1]:g}")

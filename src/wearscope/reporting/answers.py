@@ -23,6 +23,8 @@ from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 HALF = 0.5
+#: Terms that a sentence names.
+_MOST_TERMS = 3
 #: What an SNR's status means, said of the cells that have it.
 _STATUSES = {
     "decreasing": "the test quantity falls with wear; their sign is not reversed.",
@@ -98,21 +100,14 @@ def _outweighing(study: Study, name: str, rows: pd.DataFrame, confirmed: set[str
     if strong.empty:
         return f"{name}: none; no term outweighs wear in more than half of the {count_text(cells, 'cell')}."
     strong = strong.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
-    settled = strong["share_low"] > HALF
-    parts = [_term_shares(study, part) for part in (strong[settled], strong[~settled])]
-    if not parts[0]:
-        return f"{name}: perhaps outweighed by {parts[1]}; the interval leaves open in how many cells."
-    return f"{name}: outweighed by {parts[0]}{'; perhaps by ' if parts[1] else ''}{parts[1]}."
-
-
-def _term_shares(study: Study, rows: pd.DataFrame, most: int = 3) -> str:
-    parts = [
-        f"{term_name(str(row.term), study.factors)} in {row.n_relevant} of {row.n} cells (95 %: "
-        f"{100 * row.share_low:.0f} to {100 * row.share_high:.0f} %)"
-        for row in rows.head(most).itertuples()
-    ]
-    more = len(rows) - most
-    return ", ".join(parts + ([count_text(more, "more term")] if more > 0 else []))
+    first = strong.head(_MOST_TERMS)
+    names = join_words([term_name(str(term), study.factors) for term in first["term"]])
+    more = f" and {count_text(len(strong) - len(first), 'more term')}" if len(strong) > len(first) else ""
+    least, most = 100 * first["share_relevant"].min(), 100 * first["share_relevant"].max()
+    share = f"{least:.0f} %" if round(least) == round(most) else f"{least:.0f} to {most:.0f} %"
+    verb = "disturbs" if len(strong) == 1 else "disturb"
+    unsure = "" if (first["share_low"] > HALF).all() else " Few cells were asked: it may be less than half."
+    return f"{name}: {names}{more} {verb} it more than wear, in {share} of the cells.{unsure}"
 
 
 def best_detector(study: Study) -> list[str]:

@@ -1,25 +1,33 @@
 """The conclusion of a study in plain sentences, only as certain as its intervals allow."""
 
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.evaluation.conclusion import Conclusion
+from wearscope.evaluation.conclusion import Bound, Conclusion
+from wearscope.evaluation.recommendation import SETTLED
 from wearscope.reporting import trust
-from wearscope.reporting.labels import count_text, factor_name, join_words, quantity_text
+from wearscope.reporting.labels import factor_name, join_words, quantity_text
+from wearscope.reporting.page import say
 from wearscope.reporting.page_strip import Strip
 from wearscope.reporting.study import Study
 
+if TYPE_CHECKING:
+    from wearscope.designs.factors import Factor
+
 #: Share of a joint's top speed at which a wear level is told as friction.
 SPEED = 0.1
-#: What a combination is that has a verdict of the detector to use.
-_CELLS = "of robot, test-cycle and axis"
 #: Where nothing else limits a study's answer more.
 SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
+_WORDS = "study/strip.html"
 
 
 def study_strip(study: Study, pages: bool = False) -> Strip | None:
-    """Which detector to use; None where the study did not come so far.
+    """Which detector to use, one recommendation a robot; None where the study did not come so far.
 
     Parameters
     ----------
@@ -29,21 +37,93 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
     """
     if not study.conclusions:
         return None
-    one = study.conclusions[0]
-    action = Markup(
-        'Take the <a href="#thresholds">alarm thresholds</a>, then judge recordings: '
-        "<code>wearscope detect DATA</code>."
+    shown = study.conclusions[:1] if pages else recommendations(study)
+    told = [describe(study, one, pages) for one in shown]
+    kinds = [certainty(study, one) for one in shown]
+    answer = " ".join([*(say(_WORDS, "answer", one).striptags() for one in told), trust.tell_basis(study)])
+    sure = Markup(" ").join(say(_WORDS, "sure", one) for one in told)
+    kind = next(one for one in ("bad", "unsure", "good") if one in kinds)
+    caveat = "" if pages else _caveat(study, shown, told)
+    return Strip(answer.strip(), kind, sure, caveat, say(_WORDS, "action", told[0]))
+
+
+def recommendations(study: Study) -> Sequence[Conclusion]:
+    """What is recommended: of all robots together where it is the same detector for each, else by robot."""
+    whole, *own = study.conclusions
+    return own if any(one.detector != whole.detector for one in own) else [whole]
+
+
+def describe(study: Study, one: Conclusion, pages: bool = False) -> SimpleNamespace:
+    """What the words of the strip need of a recommendation."""
+    rise = friction_rise(study, one.wear, one.robot) if np.isfinite(one.wear) else None
+    less = [study.factor(bound.factor) for bound in one.bounds if _is_narrow(study, bound)]
+    shifts = [f"{factor_name(factor)} moves from {_span(*shift(study, factor), factor)}" for factor in less]
+    undeclared = [factor for factor in less if not study.config["factors"][factor.name].get("shift")]
+    return SimpleNamespace(
+        where=f"On {one.robot}: " if one.robot else "",
+        name=study.detector_name(one.detector) if one.detector else "",
+        tied=study.join_detectors(one.tied_with, "or"),
+        withheld=study.join_detectors(one.withheld),
+        upper=study.join_detectors(one.upper),
+        told="is told" if len(one.upper) == 1 else "are told",
+        wear="" if np.isnan(one.wear) else quantity_text(one.wear, study.factor("f").unit),
+        friction=" to ".join(dict.fromkeys(f"{100 * end:.2g}" for end in rise)) if rise else "",
+        bounds=join_words([_bound_text(study, bound) for bound in one.bounds], "or"),
+        shifts=join_words(shifts),
+        assumed=bool(undeclared),
+        guessed=bool(trust.assumed_robots(study)),
+        known=one.shown_sure,
+        sure=one.cells_sure,
+        cells=one.cells,
+        first=one.cells_first,
+        agree=one.agree,
+        resamplings=one.resamplings,
+        false=f"{100 * one.p_f:g}",
+        detected=f"{100 * one.p_d:g}",
+        pages=pages,
     )
-    if not one.detector or np.isnan(one.wear):
-        action = Markup('See <a href="#q2">which detector comes closest</a>, or let the factors vary less.')
-    if pages:
-        action = Markup('See <a href="#robots">each robot\'s own page</a>.')
-    caveat = "" if pages else _caveat(study, one.detector)
-    answer = " ".join(filter(None, [conclude(study, one), trust.tell_basis(study)]))
-    kind = certainty(one)
-    if better := tell_withheld(study, one):
-        kind, caveat = "unsure" if kind == "good" else kind, better
-    return Strip(answer, kind, tell_sure(study, one), caveat, action)
+
+
+def shift(study: Study, factor: "Factor") -> tuple[float, float]:
+    """Natural levels between which a factor moves in a shift: as declared, else the study's own range."""
+    low, high = study.config["factors"][factor.name].get("shift") or (factor.low, factor.high)
+    return float(low), float(high)
+
+
+def reach_of_shifts(study: Study) -> dict[str, float]:
+    """How far each factor of the scope moves from its nominal level in a shift, natural units."""
+    factors = [study.factor(name) for name in study.config["scope"]["factors"]]
+    middles = [float(one.to_natural(one.nominal_coded)) for one in factors]
+    pairs = zip(factors, middles, strict=True)
+    return {one.name: max(abs(end - middle) for end in shift(study, one)) for one, middle in pairs}
+
+
+def _is_narrow(study: Study, bound: Bound) -> bool:
+    """Whether a detector stands less of a factor than a shift brings; the end of the grid is no limit."""
+    return not bound.largest and 1.96 * bound.sigma < reach_of_shifts(study)[bound.factor]
+
+
+def _bound_text(study: Study, bound: Bound) -> str:
+    factor = study.factor(bound.factor)
+    size = quantity_text(1.96 * bound.sigma, factor.unit)
+    return f"{factor_name(factor)} within ±{size}{' or more' if bound.largest else ''}"
+
+
+def _span(low: float, high: float, factor: "Factor") -> str:
+    return f"{quantity_text(low, '')} to {quantity_text(high, factor.unit)}"
+
+
+def _caveat(study: Study, shown: Sequence[Conclusion], told: Sequence[SimpleNamespace]) -> str:
+    """What would change the answer most, the first that applies."""
+    codes = [one.detector for one in shown if one.detector]
+    known = [
+        tell_withheld(study, shown[0]),
+        *(say(_WORDS, "narrow", one) for one in told if one.shifts),
+        *(text for text in trust.doubts(study) for one in told if one.name and f" of {one.name}:" in text),
+        *(trust.contradicted(study, code) for code in codes),
+        trust.tell_assumed(study, codes[0]) if codes else "",
+    ]
+    return next(filter(None, known), SIMULATED)
 
 
 def tell_withheld(study: Study, one: Conclusion) -> str:
@@ -59,67 +139,6 @@ def tell_withheld(study: Study, one: Conclusion) -> str:
         f"{study.join_detectors(better)} {has} a larger signal-to-noise ratio and "
         f"{'is' if len(better) == 1 else 'are'} withheld: direct simulation contradicts {what}."
     )
-
-
-def _caveat(study: Study, detector: str) -> str:
-    """What would change the answer most, the first that applies."""
-    doubts = [
-        text for text in trust.doubts(study) if detector and f" of {study.detector_name(detector)}:" in text
-    ]
-    if first := [*doubts, *filter(None, [trust.contradicted(study, detector)])]:
-        return first[0]
-    if assumed := trust.assumed_robots(study):
-        moved = trust.tell_moved(study, detector)
-        if len(assumed) == len(study.sources):
-            return f"It holds for a robot with the numbers assumed for {join_words(assumed)}. {moved}"
-        return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
-    return SIMULATED
-
-
-def conclude(study: Study, one: Conclusion) -> str:
-    """What to use, and what it finds."""
-    where = f"On {one.robot}: " if one.robot else ""
-    if not one.detector:
-        why = "none sees wear"
-        if one.upper:
-            why = (
-                f"apart from {study.join_detectors(one.upper)}, which {_told(one)} the simulator's law, {why}"
-            )
-        if one.withheld:
-            why = f"the answers of {study.join_detectors(one.withheld)} are withheld"
-        return f"{where}No detector can be recommended: {why}."
-    name = study.detector_name(one.detector)
-    if np.isnan(one.wear):
-        return (
-            f"{where}{name} sees wear best, but no change of wear that was simulated is "
-            f"{'surely ' if one.shown_sure else ''}found: not in half of its "
-            f"{count_text(one.cells, 'combination')} {_CELLS}, even at the smallest variation of the other "
-            "factors."
-        )
-    finds = "It finds" if one.shown_sure else "By the estimates alone, it finds"
-    fault = study.factor("f")
-    found = f"{finds} {factor_name(fault)} of {quantity_text(one.wear, fault.unit)} or more"
-    many = (
-        ""
-        if one.cells_sure == one.cells
-        else f", in {one.cells_sure} of {count_text(one.cells, 'combination')} {_CELLS}"
-    )
-    others = study.join_detectors(one.tied_with, "or")
-    tie = f", not told apart from {others}" if others else ""
-    return f"{where}Use {name}{tie}. {found}{tell_friction(study, one.wear, one.robot)}{many}."
-
-
-def _told(one: Conclusion) -> str:
-    return "is told" if len(one.upper) == 1 else "are told"
-
-
-def tell_friction(study: Study, wear: float, robot: str = "") -> str:
-    """What a change of wear is as friction, as a clause; empty where the study does not say."""
-    rise = friction_rise(study, wear, robot)
-    if rise is None:
-        return ""
-    span = " to ".join(dict.fromkeys(f"{100 * end:.2g}" for end in rise))
-    return f", which is {span} % more friction at a tenth of the top speed"
 
 
 def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:
@@ -145,45 +164,17 @@ def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, fl
     return (min(rises), max(rises)) if rises else None
 
 
-def tell_sure(study: Study, one: Conclusion) -> str:
-    """How sure the conclusion is, and while what."""
-    if not one.detector or np.isnan(one.wear):
-        return "Nothing is recommended that was not found."
-    text = f"At most {100 * one.p_f:g} % false alarms and at least {100 * one.p_d:g} % detection"
-    if one.shown_sure:
-        every = one.cells_sure == one.cells
-        cells = (
-            "for every robot, test-cycle and axis" if every else f"in {one.cells_sure} of {one.cells} of them"
-        )
-        text += f" {cells}, with 95 % confidence in the surrogates."
-    else:
-        text += " by the estimates; the surrogates' uncertainty was not counted."
-    bounds = []
-    for bound in one.bounds:
-        factor, more = study.factor(bound.factor), " or more" if bound.largest else ""
-        size = quantity_text(1.96 * bound.sigma, factor.unit)
-        bounds.append(f"{factor_name(factor)} within ±{size}{more}")
-    return f"{text} This holds while one factor varies: {join_words(bounds, 'or')}." if bounds else text
-
-
-def qualify(study: Study, one: Conclusion) -> list[str]:
+def qualify(study: Study) -> list[str]:
     """What the conclusion leaves open."""
-    said = []
-    if one.tied_with:
-        names = study.join_detectors([one.detector, *one.tied_with])
-        said.append(
-            f"The signal-to-noise ratios of {names} are not told apart at 95 %; the first is sure on the "
-            "largest part of what was simulated."
-        )
-    if one.detector and not np.isnan(one.wear):
-        said.append("One factor varies at a time, normally distributed; the ranges hold 95 % of it.")
+    one = study.conclusions[0]
+    said: list[str] = list(filter(None, [say(_WORDS, "open", describe(study, one))]))
     if one.upper:
-        names = study.join_detectors(one.upper)
+        said += trust.mismatch_outcome(study, one.upper)
+        names, told = study.join_detectors(one.upper), "is told" if len(one.upper) == 1 else "are told"
         said.append(
-            f"{names} {_told(one)} the friction law that the simulator itself uses: an upper bound, which no "
+            f"{names} {told} the friction law that the simulator itself uses: an upper bound, which no "
             "plant can have. It is neither ranked nor recommended."
         )
-        said += trust.mismatch_outcome(study, one.upper)
     if one.withheld:
         said.append(f"Withheld, as direct simulation contradicts them: {study.join_detectors(one.withheld)}.")
     elif study.audit is None:
@@ -191,12 +182,14 @@ def qualify(study: Study, one: Conclusion) -> list[str]:
     return said
 
 
-def certainty(one: Conclusion) -> str:
-    """Colour of the conclusion: good, unsure or bad."""
+def certainty(study: Study, one: Conclusion) -> str:
+    """Colour of a recommendation: good, unsure or bad."""
     if not one.detector or np.isnan(one.wear):
         return "bad"
     sure = one.shown_sure and one.cells_sure == one.cells and not one.tied_with
-    return "good" if sure else "unsure"
+    settled = one.agree >= SETTLED or not one.resamplings
+    wide = not any(_is_narrow(study, bound) for bound in one.bounds)
+    return "good" if sure and settled and wide and not tell_withheld(study, one) else "unsure"
 
 
 def thresholds_of(study: Study, one: Conclusion) -> pd.DataFrame:

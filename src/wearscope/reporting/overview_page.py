@@ -85,7 +85,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
 def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
     return render_template(
         "study/summary.html",
-        qualifiers=[*qualify(study, study.conclusions[0]), *trust.count_failed(study)],
+        qualifiers=[*qualify(study), *trust.count_failed(study)],
         alarms=trust.failed_simulations(study),
         robots="",
         cards=[("Robots", _compare(study, overview), "robots", "Every robot and test-cycle")],

@@ -72,6 +72,12 @@ def render_template(name: str, **context: Any) -> Markup:
     return Markup(environment().get_template(name).render(**context))
 
 
+def say(template: str, macro: str, *given: Any) -> Markup:
+    """Sentences of a macro of one of the package's templates, on one line."""
+    text = getattr(environment().get_template(template).module, macro)(*given)
+    return Markup(" ".join(str(text).split()))
+
+
 def render_part(**given: Any) -> Markup:
     """HTML of sentences, tables and figures in the usual order; empty where nothing is given.
 
@@ -101,6 +107,7 @@ def render_page(
     tables: Mapping[str, pd.DataFrame] | None = None,
     labels: Mapping[str, Mapping[str, str]] | None = None,
     strip: Strip | None = None,
+    picture: str = "",
 ) -> str:
     """Whole page: title, contents, filters, sections, and what its charts need.
 
@@ -121,6 +128,8 @@ def render_page(
         Text of a choice's value, by choice; ``column`` holds those of the tables' columns.
     strip : Strip, optional
         The answer, how sure it is, its caveat and what to do next.
+    picture : str
+        What shows the answer, under the strip.
 
     Returns
     -------
@@ -129,13 +138,14 @@ def render_page(
     """
     shown = [one for one in filters if len(one.options) > 1]
     settings = {"filters": [{"key": one.key, "label": one.label} for one in filters], "labels": labels or {}}
-    drawn = any('class="chart"' in section.body for section in sections)
+    drawn = any('class="chart"' in body for body in (picture, *(one.body for one in sections)))
     return str(
         render_template(
             "page.html",
             title=title,
             subtitle=subtitle,
             strip=strip,
+            picture=Markup(picture),
             strip_data=embed_json(strip.plain()) if strip else "",
             sections=[(one.anchor, one.title, Markup(one.body)) for one in sections if one.body],
             css=_read("page.css"),

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from wearscope.evaluation.conclusion import Conclusion
 from wearscope.reporting import answers, trust
 from wearscope.reporting.charts.questions import (
+    chart_reach,
     chart_response,
     chart_roc,
     chart_scope,
@@ -18,7 +19,14 @@ from wearscope.reporting.charts.questions import (
     chart_weights,
 )
 from wearscope.reporting.charts.study import detection_cases, study_filters, study_labels, study_tables
-from wearscope.reporting.conclusion import friction_rise, qualify, study_strip, thresholds_of
+from wearscope.reporting.conclusion import (
+    friction_rise,
+    qualify,
+    reach_of_shifts,
+    recommendations,
+    study_strip,
+    thresholds_of,
+)
 from wearscope.reporting.findings import Finding
 from wearscope.reporting.labels import (
     COLUMNS,
@@ -96,6 +104,7 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
         tables,
         study_labels(study),
         study_strip(study),
+        embed_chart(chart_reach(study, reach_of_shifts(study))) if study.conclusions else "",
     )
 
 
@@ -115,7 +124,7 @@ def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
             ("Can it be trusted?", "trust", "Fits, audit, assumptions"),
         )
     ]
-    open_points = qualify(study, study.conclusions[0]) if study.conclusions else []
+    open_points = qualify(study) if study.conclusions else []
     note = (
         "Each robot by itself. Ranges hold 95 % of a factor that varies alone; ≥: the end of what was "
         "simulated. As friction: at a tenth of the joints' top speeds. Median SNR of the detector to "
@@ -221,8 +230,9 @@ def _scope(study: Study, sentences: Sequence[str]) -> Markup:
     charts = [chart_scope(study, _first(study))]
     if study.detection is not None:
         charts.append(chart_roc(study, detection_cases(study)[1]))
-    one = study.conclusions[0] if study.conclusions else None
-    table = thresholds_of(study, one) if one and one.detector else None
+    asked = recommendations(study) if study.conclusions else []
+    found = [thresholds_of(study, one) for one in asked if one.detector]
+    table = pd.concat(found, ignore_index=True) if found else None
     return render_template(
         "study/scope.html",
         sentences=sentences,
@@ -233,7 +243,8 @@ def _scope(study: Study, sentences: Sequence[str]) -> Markup:
 
 
 def _thresholds(study: Study, table: pd.DataFrame) -> Markup:
-    unit = study.units.get(study.conclusions[0].detector, "")
+    units = {study.units.get(one, "") for one in table["fda"]}
+    unit = units.pop() if len(units) == 1 else ""
     note = (
         "Alarm above it: at most the false-alarm rate asked, for variations up to those of the "
         "conclusion, with the largest threshold that any of the factors needs."

@@ -160,6 +160,17 @@ def tell_basis(study: Study) -> str:
     return f"Some numbers of {which} are assumed."
 
 
+def tell_assumed(study: Study, detector: str) -> str:
+    """Robots with assumed numbers and what that may change; empty where there are none."""
+    assumed = assumed_robots(study)
+    if not assumed:
+        return ""
+    moved = tell_moved(study, detector)
+    if len(assumed) == len(study.sources):
+        return f"It holds for a robot with the numbers assumed for {join_words(assumed)}. {moved}"
+    return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
+
+
 def tell_moved(study: Study, detector: str) -> str:
     """How far a detector's SNR moves where the robot differs from what was assumed, or how to ask that."""
     table = study.mismatch

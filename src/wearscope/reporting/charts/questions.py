@@ -170,6 +170,39 @@ def chart_snr_cells(study: Study) -> Chart:
     )
 
 
+def chart_reach(study: Study, shifts: Mapping[str, float]) -> Chart:
+    """Each detector's smallest wear over how far a factor varies, set against a shift.
+
+    Parameters
+    ----------
+    study : Study
+    shifts : mapping of str to float
+        How far each factor moves from its nominal level within a shift, natural units.
+    """
+    x = alt.X("range:Q", title="⟦factor⟧ varies within ±", scale=alt.Scale(zero=True))
+    y = alt.Y("wear:Q", title=with_unit("smallest wear found", study.factor("f").unit))
+    lines = named("reach").mark_line(strokeWidth=2.5, point=alt.OverlayMarkDef(size=24))
+    told = tips("fda:N|detector; range:Q|⟦factor⟧ within ±|.3; wear:Q|finds wear from|.3")
+    colour = detector_tint(study.detector_names())
+    dash = alt.condition(_is_upper(study), alt.value([6, 4]), alt.value([1, 0]))
+    ends = [{"factor": name, "range": value} for name, value in shifts.items()]
+    rule = alt.Chart(alt.InlineData(ends)).transform_filter("datum.factor === factor")
+    spec = alt.layer(
+        lines.encode(x=x, y=y, color=colour, strokeDash=dash, tooltip=told),
+        rule.mark_rule(strokeDash=[5, 4], color="var(--ink)").encode(x="range:Q"),
+    ).add_params(alt.param(name="factor", value=next(iter(shifts))))
+    options = [(name, factor_name(study.factor(name))) for name in shifts]
+    return Chart(
+        "reach",
+        "The smallest wear that each detector finds",
+        spec.properties(width="container", height=210),
+        {"reach": Source("reach", {"factor": "factor", "fda": "fda"})},
+        "Lower and further right is better. A line ends where no wear that was simulated is found surely. "
+        "Dashed, upright: how far the factor moves in a shift.",
+        [Choice("factor", "Varying", options)],
+    )
+
+
 def chart_scope(study: Study, first: Mapping[str, str]) -> Chart:
     """Scope of a cell or a group of cells: how many meet the requirement, and the worst under the pointer."""
     setting = study.config["scope"]

@@ -6,6 +6,8 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
+from wearscope.evaluation.recommendation import choose_method
+from wearscope.evaluation.scope_counts import count_scope
 from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
 from wearscope.reporting.labels import (
     factor_label,
@@ -65,6 +67,7 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
         .assign(place=places(study.snr)),
         "weights": weight_table(study),
         "scope": scope_cells(study),
+        "reach": reach_lines(study),
     }
     if study.rankings is not None:
         table = study.rankings[["robot", "fda", "median", *ends, "rank"]].rename(columns=ends)
@@ -131,6 +134,25 @@ def scope_cells(study: Study) -> pd.DataFrame:
         sure=(rows["confidence"] >= 0.95).to_numpy(),
         place=places(rows),
     )
+
+
+def reach_lines(study: Study) -> pd.DataFrame:
+    """Smallest wear that each detector surely finds over how far a factor varies.
+
+    Columns: ``fda``, ``factor``, ``range`` (1.96 standard deviations, natural units), ``wear``. In as many
+    cells as the conclusion asks: all, or half.
+    """
+    counts = count_scope(choose_method(study.scope))
+    sure = counts["sure" if counts["known"].any() else "passes"]
+    every = not study.conclusions or study.conclusions[0].cells_sure == study.conclusions[0].cells
+    steps, rows = {one.name: one.step for one in study.factors}, []
+    for (fda, factor), own in counts.assign(sure=sure).groupby(["fda", "factor"], sort=True):
+        wide = own.pivot(index="delta", columns="sigma", values="sure")
+        enough = (wide >= np.ceil((1.0 if every else 0.5) * own["cells"].max())).cummin(axis=1)
+        for sigma, found in enough[enough.index > 0].items():
+            wear = found.idxmax() * steps["f"] if found.any() else np.nan
+            rows.append((fda, factor, 1.96 * float(str(sigma)) * steps[str(factor)], wear))
+    return pd.DataFrame(rows, columns=["fda", "factor", "range", "wear"]).dropna()
 
 
 def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:

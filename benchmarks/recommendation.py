@@ -1,0 +1,74 @@
+"""Whether a study's recommendation changes with its seed.
+
+    python -m benchmarks.recommendation [CONFIG] [--seeds 10] [--keep FOLDER]
+
+CONFIG is a configuration; left out, the study of the tutorial (`wearscope new study`). Each seed draws other
+points, other noise and other audited runs. Printed: a line a seed and robot, with the detector, in how many
+resamplings and cells it comes out, what is withheld and how much was audited; then how many seeds differ from
+the others, and whether these say so themselves (fewer than `SETTLED` of the resamplings).
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pandas as pd
+import yaml
+
+from wearscope.evaluation.conclusion import Conclusion, read_conclusion
+from wearscope.evaluation.recommendation import SETTLED
+from wearscope.home import find_home
+from wearscope.starters.study import write_study
+
+
+def run_seed(settings: dict, seed: int, folder: Path) -> Iterator[tuple[Conclusion, int]]:
+    """Conclusions of a study with a seed, and the number of values that were audited."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.yaml").write_text(yaml.safe_dump(settings | {"seed": seed}), encoding="utf-8")
+    home = find_home()
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(home / "Snakefile"), "--cores", "2"]
+    command += ["--profile", str(home / "profiles" / "default"), "--configfile", "config.yaml", "conclusion"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    results = folder / "results" / settings["study"]
+    audited = results / "audit.parquet"
+    values = len(pd.read_parquet(audited)) if audited.is_file() else 0
+    for one in json.loads((results / "conclusion.json").read_text(encoding="utf-8")):
+        yield read_conclusion(one), values
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the seeds and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("config", type=Path, nargs="?")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--keep", type=Path, help="where the studies' folders stay")
+    given = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as place:
+        if given.config is None:
+            write_study(Path(place) / "my-study", ["medium"])
+            given.config = Path(place) / "my-study" / "config" / "config.yaml"
+        settings = yaml.safe_load(given.config.read_text(encoding="utf-8"))
+        found: dict[str, list[Conclusion]] = {}
+        for seed in range(1, given.seeds + 1):
+            for one, values in run_seed(settings, seed, (given.keep or Path(place)) / f"seed-{seed}"):
+                found.setdefault(one.robot or "all", []).append(one)
+                print(
+                    f"seed {seed}, {one.robot or 'all'}: {one.detector or 'none'}, in {one.agree} of "
+                    f"{one.resamplings} resamplings and {one.cells_first} of {one.cells} cells; withheld "
+                    f"{', '.join(one.withheld) or 'none'}; {values} values audited",
+                    flush=True,
+                )
+    for robot, conclusions in found.items():
+        usual, _ = Counter(one.detector for one in conclusions).most_common(1)[0]
+        other = [one for one in conclusions if one.detector != usual]
+        said = sum(one.agree < SETTLED for one in other)
+        print(f"{robot}: {usual}; {len(other)} of {len(conclusions)} seeds differ, {said} of these say so")
+
+
+if __name__ == "__main__":
+    main()
