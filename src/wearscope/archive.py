@@ -47,7 +47,7 @@ from wearscope.archives.manifest import (
 )
 from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
 from wearscope.checksums import record_checksums
-from wearscope.config import drop_retired
+from wearscope.config import TAKEN, drop_retired
 from wearscope.errors import InputError
 from wearscope.files import check_plain, digest_file, explain_unwritten, write_new, write_text, write_whole
 from wearscope.processes import end_process
@@ -221,6 +221,8 @@ def restore_archive(
     root = Path(root)
     manifest = walk_archive(path)
     folder = root / "results" / manifest.study
+    if manifest.study in TAKEN:
+        raise InputError(f"{path}: {folder} holds something else than a study; unpack it into a new folder.")
     refused: list[str] = []
     unpack_archive(path, folder, lambda place: refused.extend(_prepare(place, manifest, allow_code)))
     changed = [
@@ -235,7 +237,8 @@ def _is_as(path: Path, digest: str) -> bool:
     """Whether a file that an archive names, which may be any of the machine's, has a digest."""
     try:
         check_plain(path, limits.TEXT_BYTES, "")
-        return digest_file(path) == digest
+        # What the system makes up as it is read, such as its log, has no size, and may have no end.
+        return (digest_file(path) if path.stat().st_size else hashlib.sha256().hexdigest()) == digest
     except (InputError, OSError):
         return False
 

@@ -22,8 +22,8 @@ MASS, LENGTH = 1e6, 1e3
 GEAR_RATIO, INERTIA, TORQUE = 1e6, 1e6, 1e9
 #: The same by the name of the field.
 DRIVE = {"gear_ratio": GEAR_RATIO, "rotor_inertia": INERTIA, "torque_limit": TORQUE}
-#: Longest name of a robot or data set.
-NAME = 100
+#: Longest name of a robot, data set, link or joint, and of a column of a recording that is converted.
+NAME, COLUMN = 100, 300
 #: Largest header of a member of an archive [bytes], such as a long name.
 TAR_HEADER_BYTES = 1_000_000
 #: Largest manifest of an archive, and largest archive as its manifest says [bytes]; longest path in one.

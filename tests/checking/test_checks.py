@@ -83,6 +83,13 @@ def test_all_that_is_wrong_with_a_study_is_said_at_once():
     assert len(found.problems) == 6
 
 
+def test_a_design_that_cannot_be_made_is_refused_before_it_is_run():
+    """`run` would refuse it when its first job makes it."""
+    design = {"kind": "central_composite", "generators": ["w3 = f w1", "w5 = nothing"]}
+    found = check_study({**QUICK, "design": design}, "study", ROOT)
+    assert told(found, "nothing")
+
+
 def test_a_misspelt_setting_is_told_before_what_it_leaves_missing():
     config = {key: value for key, value in QUICK.items() if key != "detectors"}
     found = check_study({**config, "detectorz": QUICK["detectors"]}, "study", ROOT)

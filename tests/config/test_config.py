@@ -109,6 +109,8 @@ def test_detector_shorthand(paper):
         ({"study": "archive"}, ["study: results/archive/ holds something else"]),
         ({"design": {"kind": "cube"}}, ["design.kind", "central_composite", "'cube'"]),
         ({"max_failed_share": 2}, ["max_failed_share"]),
+        ({"scope": {"p_f": 0.9, "p_d": 0.8}}, ["scope.p_f: is not below scope.p_d"]),
+        ({"detect": {"p_f": 0.5, "p_d": 0.5}}, ["detect.p_f: is not below detect.p_d"]),
     ],
 )
 def test_bad_setting_is_named(paper, change, words):
@@ -122,6 +124,9 @@ def test_missing_setting_is_named(paper):
 
 
 def test_bad_factors_are_named(paper):
+    change = copy.deepcopy(paper)
+    change["factors"]["point"] = change["factors"]["w4"]
+    refuse(change, "factors.point: tables have a column of this name")
     change = copy.deepcopy(paper)
     change["factors"]["w3"]["range"] = [70, 30]
     refuse(change, "factors.w3", "70", "not below")

@@ -312,7 +312,7 @@ def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
             ["hinge"],
             "link 'floor', which is not",
         ),
-        (simple().replace('"arm"', '"base"'), ["hinge"], "'base' is empty or used twice"),
+        (simple().replace('"arm"', '"base"'), ["hinge"], "'base' is used twice"),
         (
             simple().replace("</robot>", '<link name="stray"/></robot>'),
             ["hinge"],

@@ -603,7 +603,7 @@ def test_sessions_payloads_and_tests_by_options(tmp_path):
         "--payload-of", "run0.csv=0.001,0,0,-0.1",
     )  # fmt: skip
     text = (tmp_path / "d" / "dataset.yaml").read_text()
-    assert text.count("use: test") == 2 and 'session: "monday"' in text
+    assert text.count("use: test") == 2 and "session: monday" in text
     assert "run0.parquet, use: train, payload: {mass: 0.001, com: [0, 0, -0.1]}" in text
 
 

@@ -147,14 +147,29 @@ def test_what_the_command_started_ends_with_it(tmp_path):
     assert list_processes(tmp_path) == []
 
 
-@pytest.mark.long
-def test_two_runs_at_once(undisturbed, fresh):
+@pytest.mark.slow
+@pytest.mark.parametrize("apart", [0.0, 6.0])
+@pytest.mark.parametrize("first", ["snakemake", "wearscope"])
+def test_two_programs_on_one_study_at_once(undisturbed, fresh, first, apart):
+    """One waits for the other; whichever is later finds its files there, or makes them again, the same."""
     reference, _ = undisturbed
-    runs = [
-        subprocess.Popen(clones.command(), cwd=fresh, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        for _ in range(2)
-    ]
-    assert [run.wait() for run in runs] == [0, 0]
+    study = f"{clones.TINY}/config.yaml"
+    ways = {
+        "snakemake": clones.command(),
+        "wearscope": [sys.executable, "-P", "-m", "wearscope", "run", study, "--cores", "1"],
+    }
+    runs = []
+    for name in sorted(ways, key=lambda name: name != first):
+        runs.append(
+            subprocess.Popen(
+                ways[name], cwd=fresh, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            )
+        )
+        time.sleep(apart)
+    said = [run.communicate()[0] for run in runs]
+    assert [run.returncode for run in runs] == [0, 0], said
+    assert "this one waits for its end" in said[0] + said[1]
+    assert not [one for one in said if "set aside" in one]
     check_finished(fresh, reference)
 
 

@@ -250,7 +250,9 @@ def test_no_archive_brings_code_or_odd_names(tmp_path, name, capsys):
         assert (folder / "a.json").is_file() and not (folder / name).exists()
 
 
-@pytest.mark.parametrize("name", ["/proc/self/mem", "/dev/zero", "a\0b", "a" * 5000, "\x1b[2J"])
+@pytest.mark.parametrize(
+    "name", ["/proc/self/mem", "/proc/kmsg", "/dev/zero", "/dev/stdin", "a\0b", "a" * 5000, "\x1b[2J"]
+)
 def test_files_that_an_archive_names_are_looked_at_with_bounds(tmp_path, name, capsys):
     """Its inputs may be any path of the machine, and are told as they can be read."""
     path = tmp_path / "a.tar"
@@ -263,6 +265,15 @@ def test_files_that_an_archive_names_are_looked_at_with_bounds(tmp_path, name, c
     said = capsys.readouterr().out
     assert "1 files of code or input are not as they were" in said
     assert said.replace("\n", "").isprintable() and len(said) < 2000
+
+
+@pytest.mark.parametrize("study", ["archive", "closed_loop", "detection", "export", "tracking"])
+def test_an_archive_takes_no_place_of_other_results(tmp_path, study, capsys):
+    path = tmp_path / "a.tar"
+    write(path, ("MANIFEST.json", json.dumps(make_manifest(study=study)).encode()), ("a", b"x"))
+    assert archive.main(["restore", str(path), str(tmp_path / "root")]) == 1
+    assert f"results/{study} holds something else than a study" in capsys.readouterr().err
+    assert not (tmp_path / "root").exists()
 
 
 def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):

@@ -4,6 +4,7 @@ import glob
 import os
 import re
 import sys
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 
@@ -28,6 +29,7 @@ ignore_settings_here()
 os.environ.update(isolate(os.environ))
 
 from wearscope.cli.study import read_yaml
+from wearscope.cli.workflow import wait_turn
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
@@ -65,8 +67,31 @@ try:
 except InputError as error:
     raise SystemExit(str(error)) from None
 
-# Started by a job (partitions.smk), it ends with that job.
-end_with(os.environ.pop(STARTER, ""))
+
+def tell(find, *given):
+    """What a function finds; ends the run in its sentence where it refuses."""
+    try:
+        return find(*given)
+    except InputError as error:
+        raise SystemExit(str(error)) from None
+
+
+# Started by a job (partitions.smk) or by `wearscope`, which hold the folder for it, it ends with that process.
+STARTED_BY = os.environ.pop(STARTER, "")
+end_with(STARTED_BY)
+# Two of one study at once would miss files of each other: this one plans when the other one is done, and holds the
+# folder from its start on (scheduler.smk). A program that only plans need not wait.
+TURN = ExitStack()
+OWN_TURN = workflow.is_main_process and not STARTED_BY and not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}
+
+
+def take_turn():
+    tell(TURN.enter_context, wait_turn(Path(), lambda told: print(told, file=sys.stderr)))
+
+
+if OWN_TURN and os.path.lexists("results/.wearscope.lock"):
+    take_turn()
+    TURN.close()
 # A job ends with this process, also where it alone is killed.
 os.environ[MAIN] = identify_process(os.getpid())
 
@@ -106,14 +131,6 @@ REEVALUATED = STUDY.reevaluate.enabled and bool(
 AUDITED = list(CYCLES)[: STUDY.audit.cycles]
 
 SCOPE_FIGURES, FIGURES, CATEGORIES = PLAN.scope_figures, PLAN.figures, PLAN.categories
-
-
-def tell(find, *given):
-    """What a function finds; ends the run in its sentence where it refuses."""
-    try:
-        return find(*given)
-    except InputError as error:
-        raise SystemExit(str(error)) from None
 
 
 def here(files):

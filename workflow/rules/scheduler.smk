@@ -9,6 +9,8 @@ from wearscope.files import write_text
 # default study they took a quarter of a core. What runs here is limited by its cores: a look when a job has ended is
 # enough.
 onstart:
+    if "OWN_TURN" in globals() and OWN_TURN:
+        take_turn()
     if workflow.local_exec:
         workflow.scheduler.job_rate_limiter = None
     if "STUDY" in globals():  # a repair asks for files with it (python -m wearscope.integrity)

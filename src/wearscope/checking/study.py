@@ -11,6 +11,9 @@ from wearscope.checking.findings import Findings
 from wearscope.checking.robot import STEP, check_factors, check_model
 from wearscope.config import CarryOverSettings, StudyConfig, label, list_breaches, load_config
 from wearscope.cycles.base import Cycle, load_cycle
+from wearscope.designs.checks import check_design
+from wearscope.designs.factors import Factor
+from wearscope.designs.kinds import make_design
 from wearscope.detectors.base import load_detector
 from wearscope.errors import InputError
 from wearscope.robots.carry_over import carry_over
@@ -64,6 +67,7 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
     if study is None:
         return
     found.add(*list_excesses(study))
+    found.attempt(lambda: _make_design(study))
     ranges = {name: (kind, low, high) for name, (kind, low, high) in study.factor_ranges().items()}
     for model in robots:
         worn = found.attempt(lambda model=model: model.wearing(study.worn_axes()))  # type: ignore[misc]
@@ -83,6 +87,13 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
     runs = points * 2 * len(robots) * len(cycles)
     cells = len(robots) * len(cycles) * len(study.axes) * len(study.detectors)
     found.notes.append(f"{cells} cells; {points} design points, {runs} simulations of the paper's design.")
+
+
+def _make_design(study: StudyConfig) -> None:
+    """Refuse a design that cannot be made, or cannot tell what is asked of it."""
+    factors = [Factor(**one) for one in study.factor_table()]
+    design = make_design(study.design.kind, factors, study.design.options(), study.seed)
+    check_design(design, factors, study.surrogates.models, study.axes)
 
 
 def _complete(

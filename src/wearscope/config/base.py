@@ -14,6 +14,10 @@ PATTERNS = {
     _FACTOR_NAME: "starts with a letter from A to Z and holds only letters, digits and '_'",
     _NAME: "starts with a letter from A to Z or a digit and holds only letters, digits, '_', '-' and '.'",
 }
+#: Columns of the study's tables, which no factor can be called.
+KEYS = ("set", "point", "robot", "cycle", "axis", "fda", "factor", "y", "status")
+#: Folders below ``results/`` that hold something else than a study.
+TAKEN = ("archive", "closed_loop", "detection", "export", "tracking")
 FactorName = Annotated[str, Field(pattern=_FACTOR_NAME, max_length=100)]
 Name = Annotated[str, Field(pattern=_NAME, max_length=100)]
 Share = Annotated[float, Field(ge=0, le=1)]

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from wearscope.config.base import FactorName, Name, Section, Share
+from wearscope.config.base import KEYS, TAKEN, FactorName, Name, Section, Share
 from wearscope.config.design import (
     DesignSettings,
     DetectorSettings,
@@ -187,7 +187,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
-        if value in ("archive", "closed_loop", "detection", "export", "tracking"):
+        if value in TAKEN:
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
 
@@ -204,6 +204,10 @@ class StudyConfig(Section):
         if "f" not in self.factors:
             raise ValueError("factors: f, the fault, is missing; add it")
         for name, factor in self.factors.items():
+            if name in KEYS:
+                raise ValueError(
+                    f"factors.{name}: tables have a column of this name; call the factor another"
+                )
             section, _, rest = factor.kind.partition(".")
             detector = rest.partition(".")[0]
             if section == "detectors" and detector not in self.detectors:
@@ -232,6 +236,11 @@ class StudyConfig(Section):
                 raise ValueError(
                     f"scope.factors: {name} is no nuisance factor of this study; choose among "
                     f"{', '.join(nuisances)}"
+                )
+        for section in ("scope", "detect"):
+            if getattr(self, section).p_f >= getattr(self, section).p_d:
+                raise ValueError(
+                    f"{section}.p_f: is not below {section}.p_d; false alarms are to be the rarer"
                 )
         for section in ("sensitivity", "snr", "scope"):
             model = getattr(self, section).model

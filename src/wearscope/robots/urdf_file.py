@@ -82,13 +82,22 @@ def _numbers(element: ET.Element | None, key: str, default: str, count: int, whe
     return values
 
 
+def _read_name(element: ET.Element, source: str, default: str = "") -> str:
+    """Name of an element, which simulators cannot hold where it is long."""
+    name = element.get("name") or default
+    if not name or len(name) > limits.NAME:
+        told = f"has more than {limits.NAME} characters" if name else "is empty"
+        raise InputError(f"{source}: {element.tag} name '{name[:30]}' {told}; give each its own.")
+    return name
+
+
 def _read_pose(element: ET.Element, where: str) -> Pose:
     origin = element.find("origin")
     return Pose(_numbers(origin, "xyz", "0 0 0", 3, where), _numbers(origin, "rpy", "0 0 0", 3, where))
 
 
 def _read_link(element: ET.Element, source: str) -> Link:
-    name = element.get("name") or ""
+    name = _read_name(element, source)
     where = f"{source}: link '{name}'"
     inertial = element.find("inertial")
     if inertial is None:
@@ -102,7 +111,7 @@ def _read_link(element: ET.Element, source: str) -> Link:
 
 
 def _read_joint(element: ET.Element, source: str) -> Joint:
-    name, kind = element.get("name") or "", element.get("type") or ""
+    name, kind = _read_name(element, source), element.get("type") or ""
     where = f"{source}: joint '{name}'"
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
@@ -180,10 +189,8 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
         raise InputError(f"{source}: has more than {limits.LINKS} links; name the robot's URDF.")
     for element in robot.findall("link"):
         link = _read_link(element, source)
-        if not link.name or link.name in links:
-            raise InputError(
-                f"{source}: link name '{link.name}' is empty or used twice; give each link its own."
-            )
+        if link.name in links:
+            raise InputError(f"{source}: link name '{link.name}' is used twice; give each link its own.")
         links[link.name] = link
     joints: dict[str, Joint] = {}
     # Simulators weld a base to a frame of this name that nobody declares.
@@ -191,10 +198,8 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
         links["world"] = Link("world")
     for element in robot.findall("joint"):
         joint = _read_joint(element, source)
-        if not joint.name or joint.name in joints:
-            raise InputError(
-                f"{source}: joint name '{joint.name}' is empty or used twice; give each joint its own."
-            )
+        if joint.name in joints:
+            raise InputError(f"{source}: joint name '{joint.name}' is used twice; give each joint its own.")
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise InputError(
@@ -202,7 +207,7 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
                 )
         joints[joint.name] = joint
     root, ordered = _order_tree(links, list(joints.values()), source)
-    return Tree(robot.get("name") or "robot", root, links, ordered)
+    return Tree(_read_name(robot, source, "robot"), root, links, ordered)
 
 
 def _order_tree(links: Mapping[str, Link], joints: list[Joint], source: str) -> tuple[str, list[Joint]]:

@@ -1,16 +1,15 @@
 """A measured-data folder of converted recordings."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from wearscope import tables
+from wearscope.errors import escape_text
 from wearscope.files import copy_file
 from wearscope.starters.conversion import Converted
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.uses import Recorded
+from wearscope.starters.writing import quote
 
 
 def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:
@@ -52,7 +51,7 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     n = len(converted.joints)
     lines = ["# Made by 'wearscope new dataset'. What was guessed:"]
     lines += [f"#   {note}" for note in converted.notes]
-    lines += [f"name: {_quote(name)}", "robot:", "  urdf: robot.urdf", f"  joints: {_list(converted.joints)}"]
+    lines += [f"name: {quote(name)}", "robot:", "  urdf: robot.urdf", f"  joints: {_list(converted.joints)}"]
     told = "assumed: refitted where the runs determine them; trusted keeps the URDF's"
     lines.append(
         f"  inertials: {mapped.inertials} # {told if mapped.inertials == 'approximate' else 'given'}"
@@ -78,31 +77,25 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     if mapped.readings:
         common = mapped.readings.get("", "motor")
         every = {joint: mapped.readings.get(joint, common) for joint in converted.joints}
-        parts = ", ".join(f"{_quote(joint)}: {reading}" for joint, reading in every.items())
+        parts = ", ".join(f"{quote(joint)}: {reading}" for joint, reading in every.items())
         told = next(iter(every.values())) if len(set(every.values())) == 1 else f"{{{parts}}}"
         lines.append(f"torque: {told}")
     if mapped.turned:
         lines.append(f"turned: {_list(mapped.turned)}")
     for field, stated in (("shifted", mapped.shifted), ("scaled", mapped.scaled)):
-        parts = ", ".join(f"{_quote(column)}: {by:.6g}" for column, by in stated.items())
+        parts = ", ".join(f"{quote(column)}: {by:.6g}" for column, by in stated.items())
         lines += [f"{field}: {{{parts}}}"] if stated else []
     if mapped.accept:
         lines.append("accept:")
-        lines += [f"- {one}" for one in mapped.accept]
+        lines += [f"- {quote(one)}" for one in mapped.accept]
     lines.append("runs:")
     payload = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
     lines += [_describe_run(run, mapped, payload) for run in converted.runs]
-    return "\n".join(lines) + "\n"
-
-
-def _quote(text: str) -> str:
-    """A name as YAML reads it back."""
-    plain = not set(text) & set("[]{},:#&*!|>'\"%@`") and yaml.safe_load(text) == text
-    return text if plain else json.dumps(text)
+    return "\n".join(map(escape_text, lines)) + "\n"
 
 
 def _list(names: Sequence[str]) -> str:
-    return f"[{', '.join(map(_quote, names))}]"
+    return f"[{', '.join(map(quote, names))}]"
 
 
 def _describe_run(run: Recorded, mapped: Mapped, common: Sequence[float] | None) -> str:
@@ -112,5 +105,5 @@ def _describe_run(run: Recorded, mapped: Mapped, common: Sequence[float] | None)
         mass, *com = carried
         line += f", payload: {{mass: {mass:g}, com: [{', '.join(f'{one:g}' for one in com or (0, 0, 0))}]}}"
     if run.file in mapped.sessions:
-        line += f", session: {json.dumps(mapped.sessions[run.file])}"
+        line += f", session: {quote(mapped.sessions[run.file])}"
     return f"- {{{line}}}"

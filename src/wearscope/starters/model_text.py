@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-import yaml
-
 from wearscope.errors import escape_text
 from wearscope.robots.model import RobotModel
 from wearscope.starters.figures import Figures
 from wearscope.starters.robot import USUAL
+from wearscope.starters.writing import quote
 
 _UNITS = {
     "gear_ratio": "motor rad per joint unit",
@@ -20,12 +19,9 @@ _UNITS = {
 
 
 def _flow(values: Sequence[object]) -> str:
-    return "[" + ", ".join(f"{one:.6g}" if isinstance(one, float) else _quote(one) for one in values) + "]"
-
-
-def _quote(text: object) -> str:
-    """A text in YAML, in quotes where YAML would read something else: ``yes``, ``1``, ``null``, ``*a``."""
-    return yaml.safe_dump([text], default_flow_style=True, allow_unicode=True, width=10**6).strip()[1:-1]
+    return (
+        "[" + ", ".join(f"{one:.6g}" if isinstance(one, float) else quote(str(one)) for one in values) + "]"
+    )
 
 
 def write_model_text(
@@ -47,8 +43,8 @@ def write_model_text(
     made = f"made by 'wearscope new robot' from {urdf}"
     lines = [
         "# Each number is marked given or assumed: replace what is assumed by what you know.",
-        f"name: {_quote(model.name)}",
-        f"description: {_quote(made)}",
+        f"name: {quote(model.name)}",
+        f"description: {quote(made)}",
         "urdf: robot.urdf # given; position limits are its own",
         f"joints: {_flow(joints)}",
         f"gravity: {_flow(model.gravity)} # m/s^2 in the base frame; {assumed}",
@@ -79,9 +75,9 @@ def write_model_text(
     for entry in model.effects:
         parameters = ", ".join(f"{name}: {value:.6g}" for name, value in entry.parameters.items())
         lines += [
-            f"- joint: {_quote(entry.joint)}",
+            f"- joint: {quote(entry.joint)}",
             f"  effect: {entry.effect}",
             f"  parameters: {{{parameters}}}",
-            f"  source: {_quote(entry.source)}",
+            f"  source: {quote(entry.source)}",
         ]
     return "\n".join(map(escape_text, lines)) + "\n"

@@ -53,7 +53,12 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     if not path.exists():
         raise InputError(f"{path}: no such file; correct the name.")
     with bound_memory(path):
-        return _read(path, topic)
+        frame, told = _read(path, topic)
+    for name in frame.columns:
+        if len(str(name)) > limits.COLUMN:
+            told_so = f"has a column whose name has more than {limits.COLUMN} characters"
+            raise InputError(f"{path}: {told_so} ('{str(name)[:30]} ...'); rename it, or leave it out.")
+    return frame, told
 
 
 def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:

@@ -13,7 +13,7 @@ from wearscope.home import find_home
 from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_robot
-from wearscope.starters.writing import check_folder_name, fill_template, new_folder
+from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote
 
 #: Who lends wear and temperature to a model that has none, such as that of a closed loop.
 LENDER = "medium"
@@ -110,7 +110,7 @@ def write_study(
     for k, model in enumerate(models):
         if find_lacking(model) and robots[k] != LENDER:
             models[k] = carry_over(model, load_model(LENDER))
-            borrowed[label(robots[k])] = LENDER
+            borrowed[quote(label(robots[k]))] = LENDER
     factors, notes = choose_factors(models)
     notes += [
         f"Robot {robot} lacks wear or temperature, which it borrows from {lender}: assumed, not identified."
@@ -149,8 +149,9 @@ def write_study(
 
 
 def _relate(reference: str, target: Path) -> str:
-    """A path from the working directory as a path from the study's folder; names stay."""
-    return Path(os.path.relpath(reference, target)).as_posix() if Path(reference).exists() else reference
+    """A path from the working directory as one from the study's folder, in YAML; names stay."""
+    there = Path(reference).exists()
+    return quote(Path(os.path.relpath(reference, target)).as_posix() if there else reference)
 
 
 def _describe_factor(name: str) -> str:

@@ -1,5 +1,6 @@
 """Writes what is generated: new files and folders only, whole or not at all."""
 
+import json
 import re
 import shutil
 import tempfile
@@ -7,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wearscope.errors import InputError
@@ -19,6 +21,15 @@ _TEMPLATES = Environment(
 def fill_template(template: str, **values: object) -> str:
     """Text of a template of this room."""
     return _TEMPLATES.get_template(f"{template}.jinja").render(**values)
+
+
+def quote(text: str) -> str:
+    """A text in YAML on one line, also in a list; in quotes where YAML may read something else.
+
+    Such as ``yes``, ``1``, ``a, b``, or a name with an end of line in it.
+    """
+    plain = re.fullmatch(r"(?:[^\W\d]|[/.])[\w./ -]*", text) and yaml.safe_load(text) == text
+    return text if plain else json.dumps(text)
 
 
 def refuse_existing(*paths: Path) -> None:
