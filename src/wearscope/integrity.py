@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wearscope.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
-from wearscope.files import DamagedFile, clear_stale
+from wearscope.files import DamagedFile, clear_stale, read_json
 from wearscope.home import find_home
 from wearscope.processes import end_process
 from wearscope.simulation.failures import read_markers
@@ -33,6 +33,8 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
     folder = Path(folder)
     kept = folder / CHECKSUMS
     for file in sorted(kept.rglob("*.sha256")):
+        if _is_dropped(folder, file.relative_to(kept).with_suffix("")):
+            continue
         try:
             check_file(folder, folder / file.relative_to(kept).with_suffix(""))
         except DamagedFile as error:
@@ -42,6 +44,15 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
             packed = kept / marker.with_suffix(".tar.sha256").relative_to(folder)
             if not packed.is_file():  # its checksum is among those above
                 yield from _check_recordings(marker)
+
+
+def _is_dropped(folder: Path, file: Path) -> bool:
+    """Whether a file is recordings that were no longer needed, which the study's settings let go."""
+    gone = file.suffix == ".tar" and "traces" in file.parts and not (folder / file).exists()
+    if not gone or not (folder / SETTINGS).is_file():
+        return False
+    simulation = read_json(folder / SETTINGS).get("simulation", {})
+    return not (simulation.get("keep_recordings") or simulation.get("packed"))
 
 
 def _check_recordings(marker: Path) -> Iterator[DamagedFile]:

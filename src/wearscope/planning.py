@@ -22,11 +22,14 @@ class Plan:
         Of the results.
     packs : bool
         Whether the recordings of a chunk are one file.
+    drops : bool
+        Whether they are such a file for as long as they are needed, but for those of nominal runs.
     """
 
     study: StudyConfig
     folder: str
     packs: bool
+    drops: bool = False
 
     @cached_property
     def points(self) -> dict[str, int]:
@@ -103,9 +106,13 @@ class Plan:
         folder = f"{self.folder}/traces/{robot}/{cycle}"
         return [f"{folder}/{name}/_chunk-{chunk}.json" for name in sets for chunk in self.chunks(name)]
 
+    def packed_sets(self, *sets: str) -> list[str]:
+        """Those of some sets whose recordings are a file a chunk."""
+        return [one for one in sets if self.packs or (self.drops and "nominal" not in one)]
+
     def packed(self, robot: str, cycle: str, *sets: str) -> list[str]:
         """The recordings of some sets where they are packed, a file a chunk."""
-        markers = self.traces(robot, cycle, *sets) if self.packs else []
+        markers = self.traces(robot, cycle, *self.packed_sets(*sets))
         return [marker.replace(".json", ".tar") for marker in markers]
 
     def quantity_chunks(self, *sets: str) -> list[tuple[str, int]]:

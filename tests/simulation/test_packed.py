@@ -43,7 +43,7 @@ def test_what_was_packed_is_read_by_its_set_and_point(tmp_path):
     assert packed.read("direct", 2) == (files[2], b"another set's")
     with pytest.raises(DamagedFile, match=r"direct/_chunk-0.tar: no recording of direct point 1;"):
         packed.read("direct", 1)
-    assert packed and not PackedRecordings([])
+    assert packed.holds("audit") and not packed.holds("nominal") and not PackedRecordings([]).holds("audit")
 
 
 def test_points_that_were_not_packed_stay(tmp_path):

@@ -3,13 +3,14 @@
 import re
 
 import clones
+import pandas as pd
 import pytest
 import yaml
 
-from wearscope.integrity import find_damage
+from wearscope.integrity import find_damage, main
 
 #: 14 points a simulation job, 9 a job of test quantities: no chunk of one ends with one of the other.
-CUT = {"job_seconds": 1.4, "point_seconds": 0.1, "quantity_seconds": 0.155}
+CUT = {"keep_recordings": True, "job_seconds": 1.4, "point_seconds": 0.1, "quantity_seconds": 0.155}
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,7 @@ def clone(tmp_path_factory):
     """A tree with one study, uncut and cut."""
     tree = clones.copy_tree(tmp_path_factory.mktemp("job-sizes"))
     study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
-    for name, simulation in (("uncut", {"chunk": 400}), ("cut", CUT)):
+    for name, simulation in (("uncut", {"chunk": 400, "keep_recordings": True}), ("cut", CUT)):
         (tree / f"{name}.yaml").write_text(yaml.safe_dump(study | {"study": name, "simulation": simulation}))
     return tree
 
@@ -47,6 +48,30 @@ def test_a_cut_study_is_the_uncut_one_to_the_byte(clone):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_they_are_needed(clone):
+    """Equal tables; a later stage alone needs none; a changed detector has the points simulated again."""
+    study = yaml.safe_load((clone / "uncut.yaml").read_text()) | {"study": "dropped"}
+    study["simulation"] = {"chunk": 14}
+    file, results = clone / "dropped.yaml", clone / "results/dropped"
+    file.write_text(yaml.safe_dump(study))
+    clones.run_well(clone, "test_quantities", study="dropped.yaml")
+    left = {path.parent.parent.name for path in results.rglob("recording.parquet")}
+    assert left == {"nominal"} and not list(results.rglob("_chunk-*.tar"))
+    clones.run_well(clone, "test_quantities", study="uncut.yaml")
+    kept = pd.read_parquet(clone / "results/uncut/test_quantities.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(results / "test_quantities.parquet"), kept)
+    assert not clones.stale(clone, "test_quantities", study="dropped.yaml")
+    assert not any("simulate" in rule for rule in clones.stale(clone, "snr", study="dropped.yaml"))
+    assert main([str(results)]) == 0
+    first = next(iter(study["detectors"]))
+    study["detectors"] = {first: study["detectors"][first]}
+    file.write_text(yaml.safe_dump(study))
+    clones.run_well(clone, "test_quantities", study="dropped.yaml")
+    again = pd.read_parquet(results / "test_quantities.parquet")
+    pd.testing.assert_frame_equal(again, kept[kept["fda"] == first].reset_index(drop=True))
+
+
 def test_packed_recordings_are_those_of_files_a_point(clone):
     """A file a chunk, checked and made again as any other: the same tables and recordings."""
     study = yaml.safe_load((clone / "cut.yaml").read_text())

@@ -17,10 +17,10 @@ from wearscope.sources import find_script_sources
 ROOT = Path(__file__).parents[2]
 
 
-def make_plan(packs=False, **simulation):
+def make_plan(packs=False, drops=False, **simulation):
     config = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
     config["simulation"] = {"chunk": 7, **simulation}
-    return Plan(load_config(config), "results/quick", packs)
+    return Plan(load_config(config), "results/quick", packs, drops)
 
 
 def count_points(plan, name):
@@ -47,6 +47,14 @@ def test_recordings_are_files_only_where_they_are_packed():
     assert [file.replace(".tar", ".json") for file in packed] == plan.traces(
         "medium", "moves", "identification", "nominal"
     )
+
+
+def test_recordings_that_are_dropped_are_packed_until_then_but_for_nominal_ones():
+    plan = make_plan(drops=True)
+    for name in plan.points:
+        packed = plan.packed("medium", "moves", name)
+        assert bool(packed) != ("nominal" in name), name
+    assert plan.packed_sets("filling", "nominal", "mismatch_nominal", "audit") == ["filling", "audit"]
 
 
 @pytest.mark.parametrize(("point", "quantity"), [(1.0, 0.25), (0.3, 2.0), (2.0, 2.0)])

@@ -118,7 +118,10 @@ MADE_MODELS = {
 }
 CYCLES = {label(reference): reference for reference in STUDY.cycles}
 FACTORS = STUDY.factor_table()
-PLAN = Plan(STUDY, R, PACKED)
+# Recordings stay where they are what was asked for.
+ASKED_FOR = getattr(workflow.dag_settings, "targets", None) or ()
+DROPPED = not (PACKED or STUDY.simulation.keep_recordings or "simulate" in ASKED_FOR)
+PLAN = Plan(STUDY, R, PACKED, DROPPED)
 POINTS, POINTS_PER_JOB = PLAN.points, PLAN.points_per_job
 FILLED = STUDY.surrogates.filling.enabled
 RUN_SETS, STUDY_SETS = PLAN.run_sets, PLAN.study_sets
@@ -340,6 +343,12 @@ def reevaluated_models(wildcards):
     made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
     files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
     return sorted(files)
+
+
+def recordings_of(sets, chunk="0"):
+    """Files of a chunk's recordings, by set, where they are packed; temporary where they are dropped."""
+    files = [f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-{chunk}.tar" for set in PLAN.packed_sets(*sets)]
+    return temp(files) if DROPPED else files
 
 
 def drawn_files(folder):

@@ -139,6 +139,10 @@ rule check_detectors:
 AT_ONCE = STUDY_SETS if sum(POINTS[set] for set in STUDY_SETS) <= POINTS_PER_JOB else []
 
 
+# Nominal runs stay where others are dropped: whatever is asked later learns from them.
+KEPT = [set for set in POINTS if "nominal" in set] if DROPPED else []
+
+
 rule simulate_points:
     input:
         design=f"{R}/design/{{set}}.parquet",
@@ -152,11 +156,11 @@ rule simulate_points:
         ),
     output:
         marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
-        recordings=(f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.tar" if PACKED else []),
+        recordings=recordings_of(["{set}"], "{chunk}"),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
-        set="|".join(set for set in POINTS if set not in AT_ONCE),
+        set="|".join(set for set in POINTS if set not in [*AT_ONCE, *KEPT]),
     priority: 1
     conda:
         ENV
@@ -168,7 +172,7 @@ rule simulate_points:
         robot=lambda w: ROBOTS[w.robot],
         cycle=lambda w: CYCLES[w.cycle],
         size=POINTS_PER_JOB,
-        packed=STUDY.simulation.packed,
+        packed=STUDY.simulation.packed or DROPPED,
         kinds=lambda w: STUDY.factor_kinds(w.get("set", "")),
         worn=STUDY.worn_axes(),
         seed=STUDY.seed,
@@ -197,8 +201,17 @@ if AT_ONCE:
             ),
         output:
             marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
-            recordings=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.tar" for set in AT_ONCE if PACKED],
+            recordings=recordings_of(AT_ONCE),
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:
             "Simulate the study of {wildcards.robot}, {wildcards.cycle}"
+
+
+if set(KEPT) - set(AT_ONCE):
+
+    use rule simulate_points as simulate_nominal with:
+        output:
+            marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
+        wildcard_constraints:
+            set="|".join(sorted(set(KEPT) - set(AT_ONCE))),

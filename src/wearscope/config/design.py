@@ -167,6 +167,9 @@ class SimulationSettings(Section):
     packed: bool = False
     """Whether the recordings of a chunk are kept as one file, not as a file a point; a chunk that is run
     again then simulates all of its points."""
+    keep_recordings: bool = False
+    """Whether recordings stay once their test quantities are there; those of nominal runs always do. Where
+    they do not, a change of a detector simulates the points again."""
 
     def points_per_job(self) -> int:
         """Design points that one job simulates."""

@@ -86,8 +86,9 @@ class PackedRecordings:
                     f"{file}: not the recordings of a chunk ({error}); delete it and simulate them again.",
                 ) from error
 
-    def __bool__(self) -> bool:
-        return bool(self._files)
+    def holds(self, set_name: str) -> bool:
+        """Whether there is a file of a set."""
+        return any(file.parent.name == set_name for file in self._files)
 
     def read(self, set_name: str, point: int) -> tuple[Path, bytes]:
         """File that a recording is packed in, and its content.

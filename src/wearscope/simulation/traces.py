@@ -37,7 +37,7 @@ def read_points(
     """
     for point in map(int, points):
         wanted = None if fingerprints is None else fingerprints[set_name, point]
-        if packed:
+        if packed is not None and packed.holds(set_name):
             path, content = packed.read(set_name, point)
             yield point, read_recording(path, model.joints, wanted, content)
         else:
