@@ -31,6 +31,7 @@ include: "workflow/rules/reevaluate.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/overview.smk"
 include: "workflow/rules/archive.smk"
+include: "workflow/rules/ending.smk"
 
 
 rule all:

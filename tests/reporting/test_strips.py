@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -20,7 +21,7 @@ from wearscope.reporting.closed_loop_page import render_closed_loop
 from wearscope.reporting.conclusion import certainty, study_strip
 from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.history_page import find_answers, render_history, trend_table
+from wearscope.reporting.history_page import KEPT, find_answers, keep_answer, render_history, trend_table
 from wearscope.reporting.labels import effect_name
 from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
@@ -260,8 +261,32 @@ def test_a_folder_s_answers_are_listed_newest_first_with_their_trend(tmp_path):
     found = find_answers(tmp_path)
     assert [one.strip.answer for one in found] == ["June.", "May."]
     assert {one.kind for one in found} == {"diagnosis"}
-    assert trend_table(tmp_path, found)["value"].to_list() == [2.5, 4.0]
+    assert trend_table(found)["value"].to_list() == [2.5, 4.0]
     page = render_history(tmp_path, found)
     assert page.index("closed_loop/june") < page.index("closed_loop/may")
     assert 'href="closed_loop/may/report.html"' in page and 'id="trend-chart"' in page
     assert "&lt;a" not in page
+
+
+def test_what_is_written_over_stays_in_the_history_once(tmp_path):
+    folder = tmp_path / "closed_loop" / "arm"
+    write_verdict(folder, 1_000_000, 4.0, "May.")
+    for _ in range(2):
+        keep_answer(tmp_path, folder / "report.html", "seed: 1")
+    assert len((tmp_path / KEPT).read_text().splitlines()) == 1
+    shutil.rmtree(folder)
+    write_verdict(folder, 2_000_000, 2.5, "June.")
+    keep_answer(tmp_path, folder / "report.html", "seed: 2")
+    keep_answer(tmp_path, tmp_path / "none" / "report.html", "seed: 2")
+    found = find_answers(tmp_path)
+    assert [(one.strip.answer, one.path) for one in found] == [
+        ("June.", "closed_loop/arm/report.html"), ("May.", ""),
+    ]  # fmt: skip
+    assert trend_table(found)["value"].to_list() == [2.5, 4.0]
+    old = found[1]
+    assert len(old.settings) == 12 and old.version and old.name == "closed_loop/arm"
+    page = render_history(tmp_path, found)
+    assert "May." in page and page.count("<a href=") >= 1
+    with open(tmp_path / KEPT, "a") as file:
+        file.write("no line\n[1, 2]\n{}\n")
+    assert len(find_answers(tmp_path)) == 2

@@ -4,6 +4,7 @@ import glob
 import os
 import re
 import sys
+import time
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 from pyarrow.parquet import read_metadata
 from snakemake.io import sourcecache_entry
 
+STARTED = time.monotonic()
 # The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
 HOME = str(Path(str(workflow.current_basedir)).parents[1])
 SRC = os.path.join(HOME, "src")

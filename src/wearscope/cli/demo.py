@@ -23,7 +23,7 @@ def demo(out, opened):  # type: ignore[no-untyped-def]
     Example:
       wearscope demo --open
     """
-    from wearscope.cli.stages import show_result
+    from wearscope.cli.ending import show_result
     from wearscope.closed_loop.run import close_loop
     from wearscope.example import example_dataset
     from wearscope.reporting.closed_loop_page import write_closed_loop_page

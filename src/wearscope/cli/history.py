@@ -28,8 +28,8 @@ def history(folder, opened):  # type: ignore[no-untyped-def]
     found = find_answers(folder)
     if not found:
         raise InputError(f"{folder}: holds no page with an answer yet; run a study or a diagnosis first.")
-    rows = [(one.when, one.kind, one.name, one.strip.answer) for one in found]
-    print_table(("when", "what", "name", "answer"), rows)
+    rows = [(one.when, one.kind, one.name, one.version, one.settings, one.strip.answer) for one in found]
+    print_table(("when (UTC)", "what", "name", "version", "settings", "answer"), rows)
     page = folder / "history.html"
     tables.write_text(page, render_history(folder, found))
     say(page)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from wearscope.checksums import check_answer
+from wearscope.cli.ending import shorten, show_result
 from wearscope.cli.options import study_argument, workflow_options
 from wearscope.cli.progress import format_seconds, show_progress
 from wearscope.cli.say import say
@@ -89,41 +89,17 @@ def run_targets(
             say("Interrupted; the same command goes on from here.", err=True)
             sys.exit(130)
     if code:
-        say(f"The log is {_shorten(log)}.", err=True)
+        say(f"The log is {shorten(log)}.", err=True)
         raise InputError(explain_failure(progress, targets, folder))
     if dry_run:
         say(f"{progress.total} jobs to do." if progress.total else "Nothing to be done.")
     elif progress.total:
         say(
-            f"{progress.total} jobs done in {format_seconds(seconds[0])}; the log is {_shorten(log)}.",
+            f"{progress.total} jobs done in {format_seconds(seconds[0])}; the log is {shorten(log)}.",
             err=True,
         )
     else:
         say("Nothing to be done.", err=True)
-
-
-def _shorten(path: Path) -> str:
-    """Path from the working directory where it lies below it."""
-    try:
-        return str(path.resolve().relative_to(Path.cwd()))
-    except ValueError:
-        return str(path)
-
-
-def show_result(path: Path, opened: bool = False) -> None:
-    """Say what a page says on top, in five lines, and where it is."""
-    if path.is_file():
-        from wearscope.reporting.page_strip import read_strip
-
-        check_answer(path)
-        strip = read_strip(path)
-        if strip is not None:
-            say(strip.answer)
-            for heading, text in strip.rows():
-                say(f"{heading}: {text}")
-        say(_shorten(path))
-        if opened:
-            click.launch(str(path))
 
 
 @click.command()
@@ -349,4 +325,4 @@ def export(model, study, **options):  # type: ignore[no-untyped-def]
     for told in tell_export(read_json(made / "export.json")):
         say(told)
     for name in FILES:
-        say(_shorten(made / name))
+        say(shorten(made / name))

@@ -1,7 +1,12 @@
 """One page over time: every study and verdict of a folder, newest first, and how errors and SNR went."""
 
-from dataclasses import dataclass, replace
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from importlib import metadata
 from pathlib import Path
 
 import altair as alt
@@ -11,7 +16,7 @@ from markupsafe import Markup
 
 from wearscope import tables
 from wearscope.checksums import ANSWERS, SETTINGS, check_answer
-from wearscope.files import DamagedFile
+from wearscope.files import DamagedFile, digest_file, load_json
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text, read_detector_names
@@ -19,6 +24,8 @@ from wearscope.reporting.page import Section, badge, embed_chart, render_page, r
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.verdicts import read_verdict
 
+#: Where a folder of results keeps its answers, those of earlier runs too.
+KEPT = "history.jsonl"
 #: What is followed over time, by kind of page.
 _QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
 _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
@@ -26,32 +33,91 @@ _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
 
 @dataclass(frozen=True)
 class Answer:
-    """A page with a strip: its path in the folder, what made it, what it is about, when (UTC)."""
+    """What a page says, or said before it was written again.
 
-    path: Path
+    Attributes
+    ----------
+    path : str
+        Of the page in the folder; empty where another has taken its place.
+    kind, name : str
+        What made it, and what it is about.
+    when : str
+        UTC.
+    strip : Strip
+    digest : str
+        Of the page.
+    values : mapping of str to float
+        What is followed over time, by what it is of.
+    version, settings : str
+        Of wearscope, and a digest of the settings; empty where they were not kept.
+    """
+
+    path: str
     kind: str
     name: str
     when: str
     strip: Strip
+    digest: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    version: str = ""
+    settings: str = ""
 
 
 def find_answers(folder: Path) -> list[Answer]:
-    """Pages with an answer below a folder, newest first."""
-    found = []
-    for page in folder.rglob("report.html"):
-        strip = read_strip(page)
-        if strip is None:
-            continue
-        kind = next((kind for file, kind in ANSWERS.items() if (page.parent / file).is_file()), "page")
-        try:
-            check_answer(page)
-        except DamagedFile as error:
-            kind, strip = "damaged", Strip(str(error), "bad", "", "", "")
-        place = page.relative_to(folder)
-        written = datetime.fromtimestamp(page.stat().st_mtime, UTC)
-        name = place.parent.as_posix() if place.parent != Path() else folder.resolve().name
-        found.append(Answer(place, kind, name, f"{written:%Y-%m-%d %H:%M:%S}", strip))
+    """Answers below a folder, newest first: those of its pages, and those that were written over."""
+    found = [one for page in folder.rglob("report.html") if (one := read_answer(folder, page))]
+    there = {one.digest for one in found}
+    found += [one for one in _read_kept(folder / KEPT) if one.digest not in there]
     return sorted(found, key=lambda one: (one.when, one.name), reverse=True)
+
+
+def read_answer(folder: Path, page: Path) -> Answer | None:
+    """What a page below a folder says; None where it has no strip."""
+    strip = read_strip(page)
+    if strip is None:
+        return None
+    kind = next((kind for file, kind in ANSWERS.items() if (page.parent / file).is_file()), "page")
+    try:
+        check_answer(page)
+    except DamagedFile as error:
+        kind, strip = "damaged", Strip(str(error), "bad", "", "", "")
+    place = page.relative_to(folder)
+    written = datetime.fromtimestamp(page.stat().st_mtime, UTC)
+    name = place.parent.as_posix() if place.parent != Path() else folder.resolve().name
+    when, values = f"{written:%Y-%m-%d %H:%M:%S}", _read_values(page.parent, kind)
+    return Answer(place.as_posix(), kind, name, when, strip, digest_file(page), values)
+
+
+def keep_answer(folder: Path, page: Path, settings: str) -> None:
+    """Add what a page says to the folder's `KEPT`, a line an answer that no rerun writes over.
+
+    Parameters
+    ----------
+    folder : Path
+        Of all results.
+    page : Path
+        Below it; one that is not there, has no strip or was kept before adds nothing.
+    settings : str
+        Text of the settings, of which the digest is kept.
+    """
+    one = read_answer(folder, page) if page.is_file() else None
+    if one is None or one.digest in {kept.digest for kept in _read_kept(folder / KEPT)}:
+        return
+    digest = hashlib.sha256(settings.encode()).hexdigest()[:12]
+    line = replace(one, path="", settings=digest, version=metadata.version("wearscope"))
+    fields = asdict(line) | {"strip": line.strip.plain()}
+    with open(folder / KEPT, "a", encoding="utf-8") as file:
+        file.write(json.dumps(fields, ensure_ascii=False) + "\n")
+
+
+def _read_kept(file: Path) -> list[Answer]:
+    """Answers of a file; what is no line of one is left out."""
+    found = []
+    for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else ():
+        with suppress(ValueError, TypeError, KeyError, RecursionError):
+            fields = load_json(line)
+            found.append(Answer(**fields | {"path": "", "strip": Strip(**fields["strip"])}))
+    return found
 
 
 def render_history(folder: Path, found: list[Answer]) -> str:
@@ -68,24 +134,25 @@ def render_history(folder: Path, found: list[Answer]) -> str:
         {
             "when (UTC)": one.when[:-3],
             "what": one.kind,
-            "name": Markup('<a href="{}">{}</a>').format(one.path.as_posix(), one.name),
+            "name": Markup('<a href="{}">{}</a>').format(one.path, one.name) if one.path else one.name,
             "how sure": badge(_BADGES.get(one.strip.kind, "answered"), one.strip.kind),
             "answer": one.strip.answer,
         }
         for one in found
     ]
-    newest, trend = found[0], trend_table(folder, found)
-    sections = [Section("Answers", render_table(rows, "Newest first; a name leads to its page."), "answers")]
+    newest, trend = next((one for one in found if one.path), found[0]), trend_table(found)
+    note = "Newest first; a name leads to its page. One without was written over."
+    sections = [Section("Answers", render_table(rows, note), "answers")]
     shown = {"trend": trend} if trend["when"].nunique() > 1 else {}
     if shown:
         sections.append(Section("Trend", embed_chart(_chart()), "trend"))
     action = Markup('Open <a href="{}">{}</a>, the newest page.')
-    strip = replace(newest.strip, action=action.format(newest.path.as_posix(), newest.name))
+    strip = replace(newest.strip, action=action.format(newest.path, newest.name))
     subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
     return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
 
 
-def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
+def trend_table(found: list[Answer]) -> pd.DataFrame:
     """What can be followed over time: errors of diagnoses by joint, median SNR of studies by detector.
 
     Returns
@@ -93,26 +160,31 @@ def trend_table(folder: Path, found: list[Answer]) -> pd.DataFrame:
     DataFrame
         ``when``, ``name``, ``quantity`` (error after the correction, or SNR), ``of``, ``value``.
     """
-    rows = []
-    for one in found:
-        place = (folder / one.path).parent
-        try:
-            if one.kind == "diagnosis":
-                joints = read_verdict(place / "verdict.json")["joints"]
-                own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
-            elif one.kind == "study":
-                tables.check_unpacked(place / "ranking.parquet")
-                ranking = tables.read_table(place / "ranking.parquet")
-                names = read_detector_names(place / SETTINGS)
-                codes = ranking["fda"].astype(str).replace(names)
-                own = dict(zip(codes, ranking["median"].astype(float), strict=True))
-            else:
-                continue
-        except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
-            continue
-        known = {str(of): float(value) for of, value in own.items() if value is not None}
-        rows += [(one.when, one.name, _QUANTITIES[one.kind], of, value) for of, value in known.items()]
+    rows = [
+        (one.when, one.name, _QUANTITIES[one.kind], of, value)
+        for one in found
+        for of, value in one.values.items()
+        if one.kind in _QUANTITIES
+    ]
     return pd.DataFrame(rows, columns=["when", "name", "quantity", "of", "value"])
+
+
+def _read_values(place: Path, kind: str) -> dict[str, float]:
+    """What can be followed over time of the results in a folder."""
+    try:
+        if kind == "diagnosis":
+            joints = read_verdict(place / "verdict.json")["joints"]
+            own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
+        elif kind == "study":
+            tables.check_unpacked(place / "ranking.parquet")
+            ranking = tables.read_table(place / "ranking.parquet")
+            codes = ranking["fda"].astype(str).replace(read_detector_names(place / SETTINGS))
+            own = dict(zip(codes, ranking["median"].astype(float), strict=True))
+        else:
+            return {}
+        return {str(of): float(value) for of, value in own.items() if value is not None}
+    except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
+        return {}
 
 
 def _chart() -> Chart:

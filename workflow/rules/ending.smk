@@ -1,0 +1,24 @@
+from wearscope.cli.ending import end_badly, end_well
+
+# What was asked for is answered on these pages; a partition's is part of its study's.
+ANSWERED = {
+    "all": f"{R}/report.html",
+    "report": f"{R}/report.html",
+    "closed_loop": f"{LOOP_FOLDER}/report.html",
+    "reevaluate": f"{RE}/report.html",
+    **{
+        target: f"results/{folder}/{DATASET.name}/report.html"
+        for target, folder in (("track", "tracking"), ("detect", "detection"))
+        if DATASET
+    },
+}
+
+
+onsuccess:
+    if STUDY.partitions.number is None:
+        asked = [ANSWERED[one] for one in ASKED_FOR or ["all"] if one in ANSWERED]
+        end_well(list(map(Path, asked)), time.monotonic() - STARTED, json.dumps(config))
+
+
+onerror:
+    end_badly(Path(log), list(ASKED_FOR))
