@@ -48,7 +48,8 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
 
 def _is_dropped(folder: Path, file: Path) -> bool:
     """Whether a file is recordings that were no longer needed, which the study's settings let go."""
-    gone = file.suffix == ".tar" and "traces" in file.parts and not (folder / file).exists()
+    traced = file.suffix == ".tar" and "traces" in file.parts
+    gone = (traced or file.parts[-3:-1] == ("reevaluation", "traces")) and not (folder / file).exists()
     if not gone or not (folder / SETTINGS).is_file():
         return False
     simulation = read_json(folder / SETTINGS).get("simulation", {})

@@ -87,7 +87,7 @@ rule simulate_models:
         models=f"{RE}/models.json",
         code=lambda w: code("simulate_models", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
     output:
-        f"{RE}/traces/{{side}}.json",
+        (temp if DROPPED else str)(f"{RE}/traces/{{side}}.json"),
     log:
         f"{R}/logs/simulate_models/{{side}}.log",
     priority: 1
@@ -139,6 +139,7 @@ rule quantify_models:
         max_failed_share=STUDY.max_failed_share,
         time_limit=STUDY.time_limit,
         allow_code=RE_CODE,
+        dropped=DROPPED,
     message:
         "Compute the test quantities of side {wildcards.side}"
     script:

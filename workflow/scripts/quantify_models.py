@@ -1,6 +1,7 @@
 """Test quantities of all models of one side of a reevaluation."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -54,3 +55,5 @@ with run_job(snakemake) as say:
     drawn = pd.concat(parts.values(), ignore_index=True) if parts else own.iloc[:0]
     tables.write_table(snakemake.output.drawn, drawn)
     tables.write_table(snakemake.output.left_out, pd.DataFrame(left_out, columns=["model", "reason"]))
+    for name in simulated["traces"] if params.dropped else ():
+        shutil.rmtree(Path(given.traces).parent / name)
