@@ -1,8 +1,10 @@
 """Errors of any model on any recordings, in torque and in position."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,14 +51,19 @@ class ModelErrors:
         the joint moves), `failed` (those that could not be simulated), `moved_median` (measured distance from
         start to end), `error_median` (distance from the measured position at the end) with its 95 % interval
         (`error_median_low`, `error_median_high`).
+    judged : dict
+        What the torque errors speak of: `joints`, the number of those judged, `of` all, their `names`,
+        `seconds` of recordings, and `refused`, a sentence on each recording that is not among them.
     """
 
     torque: pd.DataFrame
     rollouts: pd.DataFrame
+    judged: dict[str, Any]
 
     def write(self, folder: str | Path) -> None:
-        """Write ``torque_errors.parquet`` and ``rollout_errors.parquet``."""
+        """Write ``evaluation.json``, ``torque_errors.parquet`` and ``rollout_errors.parquet``."""
         out = Path(folder)
+        tables.write_text(out / "evaluation.json", json.dumps({"judged": self.judged}, indent=2) + "\n")
         tables.write_table(out / "torque_errors.parquet", self.torque, {"error_percent": "%"})
         tables.write_table(out / "rollout_errors.parquet", self.rollouts, {"seconds": "s"})
 
@@ -107,7 +114,27 @@ def evaluate_model(
     if all(one["outcome"] != "ok" for one in torque):
         more = "" if np.isfinite(temperature) else " One that was not recorded can be given: --temperature."
         raise InputError(f"{path}: none of it can be simulated; {torque[0]['outcome']}{more}")
-    return ModelErrors(pd.DataFrame(torque), pd.DataFrame(rolled))
+    table = pd.DataFrame(torque)
+    return ModelErrors(table, pd.DataFrame(rolled), count_judged(prepared, table))
+
+
+def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
+    """At how many joints, and for how many seconds, a table of torque errors judges; and what it does not."""
+    known = torque[torque["error_percent"].notna()]
+    names = [joint for joint in prepared.dataset.joints if joint in set(known["joint"])]
+    runs = {run.label: float(run.t[-1] - run.t[0]) for run in prepared.runs}
+    used = {run.file for run in prepared.runs}
+    refused = [
+        f"{record.file}: the robot stands still in it."
+        for record in prepared.dataset.runs
+        if record.file not in used
+    ]
+    failed = torque[torque["outcome"] != "ok"].drop_duplicates("run")
+    refused += [f"{row.run}: {row.outcome}" for row in failed.itertuples()]
+    seconds = sum(runs[run] for run in dict.fromkeys(known["run"]))
+    return {
+        "joints": len(names), "of": prepared.n, "names": names, "seconds": seconds, "refused": refused
+    }  # fmt: skip
 
 
 def _with_temperature(run: PreparedRun, temperature: float) -> PreparedRun:

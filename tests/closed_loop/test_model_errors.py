@@ -1,6 +1,10 @@
 """A model's errors on recordings whose truth is known."""
 
+import json
+import shutil
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
@@ -91,3 +95,24 @@ def test_tables_keep_their_units(right, tmp_path):
     right.write(tmp_path)
     assert tables.read_units(tmp_path / "torque_errors.parquet")["error_percent"] == "%"
     assert len(tables.read_table(tmp_path / "rollout_errors.parquet")) == 2 * 2 * 3
+
+
+@pytest.mark.parametrize(("joints", "still"), [(("a",), "b"), (("b",), "a")])
+def test_what_was_judged_is_said_first(recorded, joints, still, tmp_path):
+    """One joint stands still: its torque is not judged, and the sentence speaks of the other one alone."""
+    from wearscope.cli.evaluate import tell_errors
+
+    folder = tmp_path / "few"
+    shutil.copytree(recorded, folder)
+    for path in sorted((folder / "runs").glob("*.parquet")):
+        table = pd.read_parquet(path)
+        table[f"q_{still}"] = 0.3 + 1e-7 * np.random.default_rng(0).standard_normal(len(table))
+        table.to_parquet(path)
+    found = evaluate_model(make_duo(recorded), folder)
+    seconds = sum(np.ptp(pd.read_parquet(path)["t"]) for path in (folder / "runs").glob("*.parquet"))
+    assert (found.judged["joints"], found.judged["of"], found.judged["names"]) == (1, 2, list(joints))
+    assert 0.8 * seconds < found.judged["seconds"] <= seconds and found.judged["refused"] == []
+    said = tell_errors(found)
+    assert said.startswith(f"Judged at 1 of 2 joints ({joints[0]}), for ") and f"at {still}" not in said
+    found.write(tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "evaluation.json").read_text())["judged"] == found.judged

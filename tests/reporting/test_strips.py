@@ -152,7 +152,7 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
         and strip.kind == "bad"
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
-    assert last["next_measurement"][0]["table"] in strip.action and strip.caveat == last["cannot_tell"][0]
+    assert "maintenance" in strip.action and strip.caveat == last["cannot_tell"][0]
 
 
 def test_the_check_of_finished_pages_sees_a_name_and_a_number_that_differ(tmp_path):
@@ -207,7 +207,9 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
         {"run": f"r{k}", "kind": "judged", "joint": "a", "fda": "C", "verdict": one}
         for k, one in enumerate(verdicts)
     ]
-    found = Detections({"setting": {"p_f": 0.02}}, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
+    judged = {"joints": 1, "of": 3, "seconds": 12.3, "refused": ["r9: of another motion"]}
+    summary = {"setting": {"p_f": 0.02}, "judged": judged, "refused": [{"run": "r9"}]}
+    found = Detections(summary, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
     strip = shown(detection_strip(found), tmp_path)
     alarms = verdicts.count("alarm")
     decided = alarms + verdicts.count("no alarm")
@@ -217,7 +219,8 @@ def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
         2: "No alarm in 2 recordings.",
     }[decided]
     told = f"Alarm in {alarms} of 2 recordings, at a, by C." if alarms else told
-    assert strip.answer == told and numbers_of(strip.sure) == ([2.0] if decided else [])
+    scope = " Judged at 1 of 3 joints, for 12 s. 1 more recording refused." if decided else ""
+    assert strip.answer == told + scope and numbers_of(strip.sure) == ([2.0] if decided else [])
     assert (strip.kind == "good") == (not alarms and decided == 2)
     assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
 

@@ -8,7 +8,7 @@ import click
 from wearscope.cli.say import say
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from wearscope.model_errors import ModelErrors
 
 
 @click.command()
@@ -50,24 +50,34 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
     rolled = rollouts.assign(told=told)[columns].itertuples(index=False)
     headers = ["run", "joint", "after [s]", "rollouts", "failed", "moved (median)", "error (median, 95 %)"]
     print_table([*headers, "unit"], [[format_value(x) for x in row] for row in rolled])
-    say(tell_errors(torque, rollouts))
+    for line in errors.judged["refused"]:
+        say(line)
+    say(tell_errors(errors))
     if out is not None:
         errors.write(out)
         say(out)
 
 
-def tell_errors(torque: "pd.DataFrame", rollouts: "pd.DataFrame") -> str:
-    """The smallest and the largest errors in a sentence or two."""
+def tell_errors(errors: "ModelErrors") -> str:
+    """What was judged, then the smallest and the largest errors."""
+    from wearscope.reporting.labels import count_text, join_words
     from wearscope.reporting.page import format_number, interval_text
 
+    torque, rollouts, judged = errors.torque, errors.rollouts, errors.judged
     known = torque[torque["error_percent"].notna()]
-    worst = known.loc[known["error_percent"].idxmax()]
+    left = len(judged["refused"])
+    more = f"; {count_text(left, 'recording')} not judged" if left else ""
     said = (
-        f"Not predicted: {format_number(known['error_percent'].min(), 2)} to "
-        f"{format_number(worst['error_percent'], 2)} % of the torque, most at {worst['joint']} in "
-        f"{worst['run']}."
+        f"Judged at {judged['joints']} of {count_text(judged['of'], 'joint')} "
+        f"({join_words(judged['names']) or 'none moves'}), for {judged['seconds']:.0f} s{more}."
     )
-    rolled = rollouts[rollouts["error_median"].notna()]
+    if known.empty:
+        return f"{said} No joint moves so that its torque can be judged: the robot stands still."
+    worst = known.loc[known["error_percent"].idxmax()]
+    ends = [format_number(x, 2) for x in (known["error_percent"].min(), worst["error_percent"])]
+    size = f"{ends[0]} to {ends[1]} %" if ends[0] != ends[1] else f"{ends[0]} %"
+    said += f" Not predicted there: {size} of the torque, most at {worst['joint']} in {worst['run']}."
+    rolled = rollouts[rollouts["error_median"].notna() & rollouts["joint"].isin(judged["names"])]
     if rolled.empty:
         return said
     last = rolled[rolled["seconds"] == rolled["seconds"].max()]

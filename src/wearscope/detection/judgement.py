@@ -296,7 +296,24 @@ def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dic
         }
         for run, rows in judged.groupby("run", sort=False)
     ]
+    decided = judged[judged["verdict"].isin([ALARM, QUIET])]
+    used = set(decided["run"])
+    lengths = [
+        float(one.batch.t[-1] - one.batch.t[0])
+        for group in tested.groups
+        for one in group.judged
+        if one.file in used
+    ]
     return {
+        "judged": {
+            "joints": int(decided["joint"].nunique()),
+            "of": tested.prepared.n,
+            "seconds": sum(lengths),
+            "refused": [
+                one.reason if one.reason.startswith(one.file) else f"{one.file}: {one.reason}"
+                for one in tested.refused
+            ],
+        },
         "dataset": tested.prepared.dataset.name,
         "dataset_digest": tested.prepared.dataset.digest,
         "model": tested.model,

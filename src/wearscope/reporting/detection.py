@@ -65,13 +65,18 @@ def detection_strip(found: Detections) -> Strip:
     many = count_text(count, "recording")
     answer = f"No alarm in {count_text(decided, 'recording')}"
     answer += "." if decided == count else f"; {count - decided} could not be judged."
+    told, refused = found.summary["judged"], len(found.summary["refused"])
+    scope = f" Judged at {told['joints']} of {count_text(told['of'], 'joint')}, for {told['seconds']:.0f} s."
+    if refused:
+        scope += f" {count_text(refused, 'more recording')} refused."
+    answer += scope
     if not decided:
         answer = f"None of {many} could be judged."
     if alarms:
         own = judged[judged["verdict"] == "alarm"]
         where = join_words(sorted(own["joint"].astype(str).unique()))
         by = join_words(sorted(own["fda"].unique()))
-        answer = f"Alarm in {alarms} of {many}, at {where}, by {by}."
+        answer = f"Alarm in {alarms} of {many}, at {where}, by {by}.{scope}"
     rate = found.summary["setting"]["p_f"]
     sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs that scatter as the machine."
     if not decided:
