@@ -109,7 +109,7 @@ def test_the_nominal_friction_s_errors_are_those_of_its_blocks():
     made = [detector.make_rows(batch) for batch in nominal]
     x, y = np.vstack([one.base for one in made]), np.concatenate([one.target for one in made])
     mean = np.linalg.lstsq(x, y)[0]
-    np.testing.assert_allclose(detector.belief.mean, mean, rtol=1e-8)
+    np.testing.assert_allclose(detector.mean, mean, rtol=1e-8)
     blocks, single = np.zeros((4, 4)), np.zeros(4)
     for one in made:
         left = one.target - one.base @ mean
@@ -118,7 +118,7 @@ def test_the_nominal_friction_s_errors_are_those_of_its_blocks():
             blocks += np.outer(total, total)
         single += left**2 @ one.base**2
     inverse = np.linalg.inv(x.T @ x)
-    np.testing.assert_allclose(detector.belief.covariance, inverse @ blocks @ inverse, rtol=1e-6)
+    np.testing.assert_allclose(detector.covariance, inverse @ blocks @ inverse, rtol=1e-6)
     memory = max(np.max(np.diag(blocks) / single), 1.0)
     assert noise == pytest.approx(np.sqrt(np.mean((y - x @ mean) ** 2) * memory))
     # Mean magnitudes of direction and speed along the motion.
@@ -141,6 +141,6 @@ def test_rows_of_a_steady_motion_have_its_direction_bump_speed_and_load(fitted, 
     step = round(fitted.row * batch.sample_rate)
     rows = len(batch.t) // step
     load = compute_payload_torque(batch, MODEL, fitted.window)[: rows * step, 0].reshape(rows, step)
-    np.testing.assert_allclose(fitted.noise * made.unrecorded[:, 0], 0.1 * load.mean(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(fitted.noise * made.load[:, 0], 0.1 * load.mean(axis=1), rtol=1e-9)
     left = compute_joint_residual(batch, MODEL, 0, fitted.window)[: rows * step].reshape(rows, step)
     np.testing.assert_allclose(fitted.noise * made.target, left.mean(axis=1), rtol=1e-9)

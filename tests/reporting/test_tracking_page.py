@@ -10,7 +10,9 @@ import pytest
 from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.reporting.tracking_page import (
+    Tracking,
     read_tracking,
+    tell_entry,
     tracking_strip,
     trend_names,
     trend_table,
@@ -22,9 +24,10 @@ ENTRY = {
     "unit": "N m", "since": "d3", "equivalent": ["viscous"],
 }  # fmt: skip
 HIDDEN = "The friction of b changed by +9 % (+7 to +11 %), measure <this>."
-PLAN = {
-    "joint": "b", "cycle": "points_all_0_40_100", "seconds": 30.0, "runs": 2, "start_temperature": 25.0,
-    "sees": 0.04, "sees_now": 0.3, "cycle_file": "next_measurement_1.py", "table": "next_measurement_1.csv",
+SEEN = {"a": {"friction": 0.05, "mass": 0.2}, "b": {"friction": 0.3}}
+BODY = {
+    "joint": "a", "effect": "payload_error", "parameter": "mass", "change": 0.5, "ci95": [0.4, 0.6],
+    "unit": "kg", "since": "d4", "equivalent": [], "anywhere": ["b"],
 }  # fmt: skip
 WORN = {
     "session": "d4", "joint": "a", "effect": "wear", "level": 12.5,
@@ -32,9 +35,10 @@ WORN = {
 }  # fmt: skip
 OUTCOME = {
     "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01,
+    "reference_scatter": [{"session": "d0", "joint": "b", "rms": 3.1, "others": 0.21}],
     "sessions": [
-        {"session": "d3", "changes": [ENTRY], "cannot_tell": [], "next_measurement": []},
-        {"session": "d4", "changes": [ENTRY], "cannot_tell": [HIDDEN], "next_measurement": [PLAN]},
+        {"session": "d3", "changes": [ENTRY], "cannot_tell": [], "smallest_visible": SEEN},
+        {"session": "d4", "changes": [ENTRY], "cannot_tell": [HIDDEN], "smallest_visible": SEEN},
     ],
     "wear": [WORN],
     "trends": [{"joint": "a", "effect": "friction", "slope": 0.02, "ci95": [0.01, 0.03], "unit": "1/session",
@@ -69,7 +73,8 @@ def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     )
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
     assert "r9.parquet: has no session" in text
-    assert "For the simulator: next_measurement_1.py." in text
+    assert "d0 scatters and was left out: at b it leaves 3.1, the others 0.21 (RMS torque)." in text
+    assert "Smallest change that this session would show" in text and "friction [%]" in text
     assert "low-speed friction of wear 0.06 (0.03 to 0.1) N m" in text and "model_tracked.yaml" in text
 
 
@@ -77,13 +82,13 @@ def test_text_is_escaped_and_nothing_is_loaded_from_elsewhere(tmp_path):
     html = write(tmp_path)
     assert "measure &lt;this&gt;." in html and "measure <this>" not in html
     html = re.sub(r"(?s)<script>.*?</script>", "", html)
-    assert not re.search(r'(src|href)="(?!data:|#|next_measurement)', html)
+    assert not re.search(r'(src|href)="(?!data:|#)', html)
 
 
 def test_quiet_machine_is_called_unchanged(tmp_path):
     quiet = OUTCOME | {
         "sessions": [
-            {"session": s, "changes": [], "cannot_tell": [], "next_measurement": []} for s in ("d3", "d4")
+            {"session": s, "changes": [], "cannot_tell": [], "smallest_visible": SEEN} for s in ("d3", "d4")
         ],
         "trends": [],
         "wear": [],
@@ -117,7 +122,7 @@ def test_a_change_of_unknown_cause_is_the_answer(tmp_path):
         "The friction of b changed by +30 % (+28 to +32 %), by wear or by its temperature: the reference "
         "records no temp_b. Record it."
     )
-    quiet = {"changes": [], "next_measurement": []}
+    quiet = {"changes": [], "smallest_visible": SEEN}
     sessions = [quiet | {"session": s, "cannot_tell": [told]} for s in ("d3", "d4")]
     text = re.sub(r"<[^>]+>", "", write(tmp_path, OUTCOME | {"sessions": sessions, "trends": [], "wear": []}))
     strip = tracking_strip(read_tracking(tmp_path))
@@ -136,3 +141,19 @@ def test_equal_files_give_equal_pages(tmp_path):
 def test_folder_in_which_nothing_was_tracked_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"tracking\.json.*track the machine first"):
         write_tracking_page(tmp_path)
+
+
+def test_a_body_is_told_in_kg_and_needs_no_maintenance():
+    moment = BODY | {"parameter": "moment_x", "change": 0.1, "ci95": [0.08, 0.12], "unit": "kg m"}
+    sessions = [{"session": "d4", "changes": [BODY, moment], "cannot_tell": [], "smallest_visible": SEEN}]
+    strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
+    assert "+0.5 kg since d4" in strip.answer and "kg m" not in strip.answer
+    assert "maintenance" not in str(strip.action)
+    assert tell_entry(BODY).endswith("; or on the link that b moves.")
+
+
+def test_a_headline_has_three_names_and_a_count():
+    changes = [ENTRY | {"joint": joint} for joint in "abcde"]
+    sessions = [{"session": "d4", "changes": changes, "cannot_tell": [], "smallest_visible": SEEN}]
+    answer = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame())).answer
+    assert answer.count("Coulomb") == 3 and "2 more" in answer

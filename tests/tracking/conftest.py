@@ -25,7 +25,7 @@ def sessions(machine) -> Sessions:
 @pytest.fixture(scope="session")
 def reference(sessions) -> Reference:
     """The healthy arm."""
-    return identify_reference(sessions)
+    return identify_reference(sessions)[0]
 
 
 @pytest.fixture(scope="session")

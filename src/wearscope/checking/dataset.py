@@ -20,6 +20,8 @@ from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.posing import find_prismatic, load_named_effects
 from wearscope.errors import InputError
+from wearscope.tracking.checks import check_sessions
+from wearscope.tracking.session_names import read_sessions
 
 
 @keep_to_one_thread
@@ -62,6 +64,8 @@ def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
     if prepared is not None:
         found.attempt(lambda: check_plausibility(prepared))
         found.notes += prepared.notes
+    if fields.reference and not found.problems:
+        found.attempt(lambda: check_sessions(read_sessions(file)))
     return found
 
 

@@ -8,13 +8,28 @@ import numpy as np
 
 from wearscope.detectors.base import Array, Batch, check_nominal
 from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque, find_top_speed
-from wearscope.tracking.changes import Change, make_friction_change
-from wearscope.tracking.inference import Belief, SessionRows, estimate_change, make_sample
+
+#: Share of a column's information below which it cannot be told from the nominal friction's own uncertainty.
+_ABSORBED = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a batch in motion, their regressors, and the first row of each block.
+
+    Regressors are of the nominal friction (R, P), of the payload's error (R, u), and of the change (R, 2).
+    """
+
+    target: Array
+    base: Array
+    load: Array
+    columns: Array
+    starts: np.ndarray[Any, np.dtype[np.intp]]
 
 
 @dataclass
 class FrictionChange:
-    r"""Mean rise of the friction torque since the nominal batches, as `wearscope.tracking` estimates it.
+    r"""Mean rise of the friction torque since the nominal batches, as tracking estimates it.
 
     The nominal batches are the reference and a batch is a session. What the batch's torque leaves of the
     rigid body, of the declared rotor inertia and of the nominal friction (Coulomb, low-speed bump, viscous,
@@ -24,7 +39,7 @@ class FrictionChange:
 
     with the changes of Coulomb and viscous friction, the errors b of the nominal friction and of the declared
     payload as random effects, and autocorrelated noise e. The estimate is that of generalised least squares
-    (`wearscope.tracking.inference`), over means of a few samples in motion; the test quantity is
+    (Henderson 1975, Biometrics 31), over means of a few samples in motion; the test quantity is
 
     .. math:: y = \Delta_c \, \overline{|s|} + \Delta_v \, \overline{|v|}
 
@@ -57,8 +72,8 @@ class FrictionChange:
     top_speed: float = field(default=0.0, init=False)
     noise: float = field(default=1.0, init=False)
     mean_columns: Array = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    belief: Belief | None = field(default=None, init=False, repr=False)
-    change: Change | None = field(default=None, init=False, repr=False)
+    mean: Array = field(default_factory=lambda: np.zeros(4), init=False, repr=False)
+    covariance: Array = field(default_factory=lambda: np.zeros((4, 4)), init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("payload_error", "low_speed_share", "rest_share", "row", "block", "window"):
@@ -70,7 +85,6 @@ class FrictionChange:
         check_nominal(nominal)
         self.axis, self.model = axis, model
         self.top_speed = find_top_speed(nominal, axis)
-        self.change = make_friction_change(axis)
         self.noise = 1.0
         made = [self.make_rows(batch) for batch in nominal]
         x, y = np.concatenate([r.base for r in made]), np.concatenate([r.target for r in made])
@@ -90,11 +104,11 @@ class FrictionChange:
         )
         memory = max(float(np.max(np.diag(meat) / np.maximum(apart, 1e-300))), 1.0)
         self.noise = float(np.sqrt(np.mean(np.concatenate(left) ** 2) * memory)) or 1.0
-        self.belief = Belief(mean, inverse @ meat @ inverse)
+        self.mean, self.covariance = mean, inverse @ meat @ inverse
         columns = np.concatenate([r.columns for r in made])
         self.mean_columns = np.abs(columns).mean(axis=0)
 
-    def make_rows(self, batch: Batch) -> SessionRows:
+    def make_rows(self, batch: Batch) -> Rows:
         """Rows of a batch in motion, in the noise's unit.
 
         Raises
@@ -124,10 +138,7 @@ class FrictionChange:
         length = max(1, round(self.block * batch.sample_rate / step))
         starts = np.unique(np.searchsorted(np.flatnonzero(moving), np.arange(0, len(moving), length)))
         w = 1.0 / self.noise
-        return SessionRows(
-            target * w, base * w, load * w, columns * w, columns / np.sqrt(len(columns)),
-            starts[starts < len(target)],
-        )  # fmt: skip
+        return Rows(target * w, base * w, load * w, columns * w, starts[starts < len(target)])
 
     def test_quantity(self, batch: Batch) -> float:
         """Mean rise of the friction torque along the nominal motion, in the joint's unit.
@@ -137,12 +148,19 @@ class FrictionChange:
         ValueError
             Where the motion does not show Coulomb and viscous friction.
         """
-        assert self.belief is not None and self.change is not None
-        sample = make_sample(self.make_rows(batch), [self.change], self.belief, np.zeros(10))
-        estimate = estimate_change(sample, self.change)
-        if estimate is None:
+        rows = self.make_rows(batch)
+        nuisance = np.concatenate([rows.base, rows.load], axis=1)
+        covariance = np.eye(nuisance.shape[1])
+        covariance[: len(self.mean), : len(self.mean)] = self.covariance
+        gram = nuisance.T @ nuisance
+        # (G + V^-1)^-1 without the inverse of a covariance that may be singular.
+        inverse = np.linalg.inv(np.eye(len(gram)) + covariance @ gram) @ covariance
+        clean = rows.columns - nuisance @ (inverse @ (nuisance.T @ rows.columns))
+        inner, plain = rows.columns.T @ clean, (rows.columns**2).sum(axis=0)
+        if np.any(np.diag(inner) <= _ABSORBED * plain):
             raise ValueError("the motion of the tested axis does not show its friction")
-        return float(estimate.value @ self.mean_columns)
+        value = np.linalg.pinv(inner, rcond=1e-10) @ (clean.T @ (rows.target - rows.base @ self.mean))
+        return float(value @ self.mean_columns)
 
 
 DETECTOR = FrictionChange

@@ -40,6 +40,10 @@ _STATES = {"healthy, held out": "square", "no change named": "circle", "change n
 _STATES |= {_OPEN: "triangle-up"}
 _TINTS = ("var(--soft)", "var(--after)", "var(--before)", "var(--c5)")
 _SHARE = "friction"
+#: Changes that maintenance is for; what `smallest_visible` holds, with its unit and scale.
+_WEARS = {"coulomb", "viscous", "wear", "stribeck", "load_dependent_friction"}
+_MOST_TOLD = 3
+_SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 
 
 @dataclass(frozen=True)
@@ -163,10 +167,11 @@ def tracking_strip(tracking: Tracking) -> Strip:
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
         f"{effect_name(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
-        for one in last["changes"]
+        for one in list_first(last["changes"])
     ]
+    if len(changes) > _MOST_TOLD:
+        changes = [*changes[:_MOST_TOLD], f"{len(changes) - _MOST_TOLD} more"]
     hidden, unknown = last["cannot_tell"], tracking.open_changes()
-    files = [one["table"] for one in last["next_measurement"] if "table" in one]
     answer, kind = "Nothing changed since the machine was healthy.", "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
     if hidden:
@@ -179,18 +184,23 @@ def tracking_strip(tracking: Tracking) -> Strip:
         action = Markup.escape(remedy) if remedy else action
     if changes:
         answer, kind = f"Changed: {join_words(changes)}.", "bad"
-        action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
+        action = Markup('See <a href="#friction">it over the sessions</a>.')
+        if any(one["effect"] in _WEARS for one in last["changes"]):
+            action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
     elif not unknown and (passed := tracking.changed_before()):
         answer += f" Changes were seen in {join_words(passed)}."
         kind = "unsure"
-    if files:
-        action = Markup('Record <a href="{0}">{0}</a>, and track again.').format(files[0])
     caveat = f"{caveat.rstrip('.')}."
     if events := len(join_events(last.get("events", []))):
         they = "it is" if events == 1 else "they are"
         caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
     sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
     return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
+
+
+def list_first(changes: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The first parameter of each change: of a body its mass."""
+    return list({(one["joint"], one["effect"]): one for one in reversed(changes)}.values())[::-1]
 
 
 def _size(entry: Mapping[str, Any]) -> str:
@@ -207,26 +217,37 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
     said = f"{effect_name(entry['effect'])} of {entry['joint']}: {parameter_name(entry['parameter'])} "
     said += f"{_size(entry)} (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
+    if entry.get("anywhere"):
+        said += f"; or on the link that {join_words(entry['anywhere'], 'or')} moves"
     if entry["equivalent"]:
         said += f"; {join_words([*map(effect_name, entry['equivalent'])], 'or')} would explain it as well"
     return said + "."
 
 
 def _outcome(tracking: Tracking) -> Markup:
-    """Changes of the last session, what it cannot tell, and the test-cycles to record."""
+    """Changes of the last session, what it cannot tell, and the smallest that it would show."""
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
     changes = [*(tell_entry(entry) for entry in last["changes"]), *unknown]
     parts = [render_part(listed=changes or ["No change is sure."])]
     if hidden := [text for text in last["cannot_tell"] if text not in unknown]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=hidden)]
-    links = [
-        Markup('<a href="{0}">{0}</a>').format(one["cycle_file"])
-        for one in last["next_measurement"]
-        if "cycle_file" in one
+    seen = [
+        {
+            "joint": joint,
+            **{
+                f"{name} {unit}": format_number(scale * one[name])
+                for name, unit, scale in _SEEN
+                if name in one
+            },
+        }
+        for joint, one in last["smallest_visible"].items()
     ]
-    told = [Markup("For the simulator: {}.").format(Markup(", ").join(links))] if links else []
-    return render_part(parts=[*parts, render_part(told=told)])
+    caption = (
+        "Smallest change that this session would show; mass at the centre of the link that the joint moves."
+    )
+    parts.append(render_table(seen, caption, filter_by=JOINT))
+    return render_part(parts=parts)
 
 
 def _wear(found: list[dict[str, Any]]) -> Markup:
@@ -267,13 +288,18 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
         terms = ", ".join(effect_name(one["effect"]) for one in healthy["terms"] if one["joint"] == joint)
         known = "not recorded" if ends is None else "{:.0f} to {:.0f}".format(*ends)
         records.append({"joint": joint, "terms": terms or "none", "temperatures [°C]": known})
+    left = [
+        f"{one['session']} scatters and was left out: at {one['joint']} it leaves "
+        f"{format_number(one['rms'])}, the others {format_number(one['others'])} (RMS torque)."
+        for one in outcome["reference_scatter"]
+    ]
     text = (
         f"Reference: {join_words(outcome['reference'])}. Healthy sessions differ by "
         f"{100 * scatter['friction']:.2g} % of a joint's friction and {100 * scatter['torque']:.2g} % of its "
         f"torque (standard deviation, {scatter['sessions']} held out)."
     )
     table = render_table(records, "Terms of the healthy model.", filter_by=JOINT)
-    return render_part(told=[text], parts=[table])
+    return render_part(told=[text, *left], parts=[table])
 
 
 def trend_table(tracking: Tracking) -> pd.DataFrame:

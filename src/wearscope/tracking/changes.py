@@ -1,4 +1,4 @@
-"""What may change between sessions: candidates, each a group of an effect's columns at a joint."""
+"""What may change between sessions: hypotheses, each a group of columns that have another weight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,19 +8,20 @@ import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect, PayloadEffect, Signals
-from wearscope.effects.vocabulary import plain_friction, session_effects, worn_effect
+from wearscope.effects.vocabulary import plain_friction, session_effects
 
 if TYPE_CHECKING:
     from wearscope.tracking.structure import Structure
 
-#: A joint's plain friction as a whole, as a change and in the tables.
+#: A joint's friction as a whole, as a change and in the tables.
 FRICTION = "friction"
-#: A joint's friction over its speed, of whatever form, of which only the size is asked.
-CURVE = "curve"
-#: Widths of the curve's bumps at low speed, as shares of the joint's top speed.
-_WIDTHS = (0.04, 0.16)
-#: A payload's parameters count as so many values: a mass and three moments.
-_BODY = 4
+#: What changes of a joint exclude each other: its friction, a torque of its position, a body on its link.
+PLACE, BODY = "place", "body"
+#: Nats by which each place in the vocabulary's order of changes is rarer than the one before, and by which
+#: something that has to be mounted is.
+_RARER, _MOUNTED = 0.3, 2.0
+#: Parameters of a body without its inertia.
+_STATIC = 4
 
 
 @dataclass(frozen=True)
@@ -30,27 +31,25 @@ class Change:
     Attributes
     ----------
     name : str
-        What is called by it: an effect, or ``friction`` for Coulomb and viscous friction together.
+        Which no other change of the joint has.
     joint : int
+        Of a body: the joint that moves its link.
     terms : tuple of ModelTerm
         Effects whose coefficients change.
-    friction : bool
-        Whether it is a change of the joint's friction.
-    present : bool
-        Whether the reference has all of it.
-    rank : int
-        Place among changes that explain the same.
-    asked : bool
-        Whether sessions are asked for it; False where only its size is.
+    kind : str
+        A joint has one change of a kind.
+    odds : float
+        Nats by which it is rarer than a change of friction.
+    weights : tuple of float
+        Where the coefficients change in proportion, their values in the reference: there is one column.
     """
 
     name: str
     joint: int
     terms: tuple[ModelTerm, ...]
-    friction: bool
-    present: bool
-    rank: int
-    asked: bool = True
+    kind: str
+    odds: float = 0.0
+    weights: tuple[float, ...] = ()
 
     @property
     def key(self) -> str:
@@ -60,47 +59,39 @@ class Change:
     @property
     def count(self) -> int:
         """Columns."""
-        return sum(len(term.subset) for term in self.terms)
+        return 1 if self.weights else sum(len(term.subset) for term in self.terms)
 
     @property
-    def complexity(self) -> int:
-        """Number of values that it chooses."""
-        return sum(
-            _BODY if isinstance(term.effect, PayloadEffect) else len(term.subset) for term in self.terms
-        )
-
-    @property
-    def spread(self) -> bool:
-        """Whether it is felt at several joints."""
-        return any(term.effect.spread for term in self.terms)
-
-    @property
-    def order(self) -> tuple[bool, bool, bool, bool, int, int]:
-        """What is believed first of changes that explain the same: friction, what is there, loads.
-
-        Loads change from day to day. A spring or a balancer that was not there comes last: nobody mounts
-        one unknowingly.
-        """
-        mounted = not self.present and any(term.effect.mounted for term in self.terms)
-        return (not self.friction, not self.present, mounted, not self.spread, self.complexity, self.rank)
+    def effects(self) -> list[str]:
+        """Names of its effects."""
+        return list(dict.fromkeys(term.effect.name for term in self.terms))
 
     @property
     def parameters(self) -> list[tuple[Effect, str]]:
-        """Effect and parameter of each column."""
+        """Effect and parameter of each coefficient."""
         return [(term.effect, term.effect.coefficients[k].name) for term in self.terms for k in term.subset]
 
+    def spread_over(self, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Change and standard error of each coefficient, of those of the columns."""
+        if not self.weights:
+            return value, error
+        weights = np.array(self.weights)
+        return value * weights, error * np.abs(weights)
+
     def columns(self, signals: Signals) -> np.ndarray:
-        """Full-rate regressors (N, n, m)."""
-        return np.concatenate([_term_columns(term, signals) for term in self.terms], axis=2)
+        """Full-rate regressors (N, n, count)."""
+        x = np.concatenate([term_columns(term, signals) for term in self.terms], axis=2)
+        return x @ np.array(self.weights)[:, None] if self.weights else x
 
 
-def _term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
+def term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
+    """Regressors (N, n, m) of a term as a change; a payload's are those of a body on its joint's link."""
+    if isinstance(term.effect, PayloadEffect):
+        s, at = signals, 10 * term.joint + np.array(term.subset)
+        return s.rigid_body.inertial_regressor(s.q, s.v, s.a)[:, :, at]
     if term.effect.needs_wear:
         # At f = 1: what is estimated is the wear's torque, not how worn it is.
         signals = replace(signals, wear=np.ones_like(signals.v))
-    if isinstance(term.effect, PayloadEffect):
-        # A load between sessions is no error of what is declared.
-        signals = replace(signals, carries=True)
     return term.columns(signals)
 
 
@@ -110,87 +101,66 @@ def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None)
     return ModelTerm(effect, joint, numbers, tuple(int(k) for k in effect.subsets()[0]))
 
 
-def list_changes(structure: "Structure") -> list[Change]:
-    """What may change at each joint that moves in the reference, and the load at the last one."""
-    asked = session_effects()
-    whole, single = [e for e in asked if e.per_robot], [e for e in asked if not e.per_robot]
-    found: list[Change] = []
-    for joint in map(int, structure.moving):
-        own = [entry for entry in structure.entries if entry.joint == joint]
-        friction = [effect for effect in single if effect.is_friction]
-        found += _friction_changes(structure, joint, friction, own)
-        found += _other_changes(joint, [effect for effect in single if not effect.is_friction], own)
-    last = structure.n - 1
-    for effect in whole:
-        every = tuple(range(len(effect.coefficients)))
-        there = any(entry.effect.name == effect.name for entry in structure.entries)
-        found.append(
-            Change(effect.name, last, (ModelTerm(effect, last, (), every),), False, there, _rank(effect))
-        )
-    return found
-
-
-def list_measured(structure: "Structure") -> list[Change]:
-    """What may change, then each moving joint's friction curve."""
-    return [*list_changes(structure), *(make_curve(structure, int(j)) for j in structure.moving)]
-
-
-def make_curve(structure: "Structure", joint: int) -> Change:
-    """Friction of a joint over its speed: Coulomb, viscous, and bumps at low speed of two widths."""
-    top_speed = float(structure.frame.top_speed[joint])
-    terms = [plain_term(effect, joint) for effect in plain_friction()]
-    bump = worn_effect()
-    terms += [
-        ModelTerm(bump, joint, (share * top_speed, *bump.pack({})[1][1:].tolist()), (0,)) for share in _WIDTHS
-    ]
-    return Change(CURVE, joint, tuple(terms), True, True, _rank(bump), asked=False)
-
-
-def _rank(effect: Effect) -> int:
-    """Place of an effect among changes that explain the same; what no joint is asked for comes last."""
-    return len(session_effects()) if effect.changes is None else effect.changes
-
-
 def make_friction_change(joint: int) -> Change:
     """Plain friction of a joint as a whole; every joint has some."""
-    terms = tuple(plain_term(effect, joint) for effect in plain_friction())
-    return Change(FRICTION, joint, terms, True, True, max(_rank(term.effect) for term in terms))
+    return Change(FRICTION, joint, tuple(plain_term(effect, joint) for effect in plain_friction()), FRICTION)
 
 
-def _friction_changes(
-    structure: "Structure", joint: int, asked: Sequence[Effect], own: list[ModelTerm]
-) -> list[Change]:
-    present = {name for entry in own for name in (entry.effect.name, *entry.effect.contains)}
-    plain = {effect.name for effect in plain_friction()}
-    top_speed = float(structure.frame.top_speed[joint])
-    found = []
-    for effect in asked:
-        shape = None if effect.change_shape is None else effect.change_shape(top_speed).tolist()
-        there = effect.name in plain | present
-        term = plain_term(effect, joint, shape)
-        found.append(Change(effect.name, joint, (term,), True, there, _rank(effect)))
-    found.append(make_friction_change(joint))
-    known = {effect.name for effect in asked}
-    for entry in own:
-        effect = entry.effect
-        covers = plain <= {effect.name, *effect.contains}
-        if effect.is_friction and not (
-            effect.empirical or effect.is_thermal or covers or effect.name in known
-        ):
-            found.append(Change(effect.name, joint, (entry,), True, True, _rank(effect)))
-    return found
+def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
+    """What may change: at each joint that moves in the reference, and a body on every link.
+
+    Parameters
+    ----------
+    structure : Structure
+    mean : ndarray (P,)
+        Weights of the structure's columns in the reference.
+    """
+    found: dict[str, Change] = {}
+    for joint in map(int, structure.moving):
+        own = [
+            (entry, mean[span])
+            for entry, span in zip(structure.entries, structure.spans, strict=True)
+            if entry.joint == joint and not entry.effect.empirical and not entry.is_deflection
+        ]
+        friction = [(entry, value) for entry, value in own if entry.effect.is_friction]
+        if friction:
+            weights = tuple(float(x) for _, value in friction for x in value)
+            terms = tuple(entry for entry, _ in friction)
+            whole = Change(f"all {FRICTION}", joint, terms, FRICTION, weights=weights)
+            found[whole.key] = whole
+        plain = make_friction_change(joint)
+        found[plain.key] = plain
+        present = {entry.effect.name for entry, _ in own}
+        for place, effect in enumerate(session_effects()):
+            if effect.per_robot or effect.corrects in present:
+                continue
+            shape = effect.change_shape
+            drawn = None if shape is None else shape(float(structure.frame.top_speed[joint])).tolist()
+            rare = _RARER * place + _MOUNTED * (effect.mounted and effect.name not in present)
+            change = Change(effect.name, joint, (plain_term(effect, joint, drawn),), _find_kind(effect), rare)
+            found[change.key] = change
+        for entry, _ in own:
+            if not entry.effect.spread and not entry.effect.is_thermal:
+                change = Change(entry.effect.name, joint, (entry,), _find_kind(entry.effect))
+                found.setdefault(change.key, change)
+    return [*found.values(), *list_bodies(structure.n)]
 
 
-def _other_changes(joint: int, asked: Sequence[Effect], own: list[ModelTerm]) -> list[Change]:
-    found = []
-    named = {entry.effect.name for entry in own}
-    for effect in asked:
-        if effect.name in named or effect.corrects in named:
-            continue
-        found.append(Change(effect.name, joint, (plain_term(effect, joint),), False, False, _rank(effect)))
-    for entry in own:
-        effect = entry.effect
-        if effect.empirical or effect.spread or effect.is_friction or entry.is_deflection:
-            continue
-        found.append(Change(effect.name, joint, (entry,), False, True, _rank(effect)))
-    return found
+def list_bodies(n: int) -> list[Change]:
+    """A body on each of `n` links, without its inertia and with it."""
+    effect = next(effect for effect in session_effects() if effect.per_robot)
+    sizes = ((effect.name, _STATIC), (f"{effect.name} with inertia", len(effect.coefficients)))
+    rare = _RARER * session_effects().index(effect)
+    return [
+        Change(name, link, (ModelTerm(effect, link, (), tuple(range(count))),), BODY, rare)
+        for link in range(n)
+        for name, count in sizes
+    ]
+
+
+def _find_kind(effect: Effect) -> str:
+    """What a joint has one change of: friction of any form, torques of its position, else the same effect."""
+    signals = set(effect.depends_on)
+    if effect.is_friction and "load_{joint}" not in signals:
+        return FRICTION
+    return PLACE if signals <= {"constant", "q_{joint}"} else effect.name

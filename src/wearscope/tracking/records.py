@@ -5,52 +5,44 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.effects.vocabulary import plain_friction
-from wearscope.tracking.changes import CURVE, FRICTION, Change
-from wearscope.tracking.inference import Estimate
-from wearscope.tracking.reference import Reference
-from wearscope.tracking.scatter import measure_friction, relative_change
-from wearscope.tracking.session import Assessment, list_entries
+from wearscope.tracking.changes import FRICTION, Change
+from wearscope.tracking.evidence import Evidence
+from wearscope.tracking.reference import Healthy, Reference
+from wearscope.tracking.session import WIDTH, Assessment, list_entries, measure_share
 from wearscope.tracking.structure import Structure
 from wearscope.tracking.worn import record_worn
 
 
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
     """Record of a later session: its changes, its table's rows and its series."""
-    structure, scatter = reference.structure, reference.scatter
-    named = {one.change.key: one for one in assessment.named}
-    together = {**assessment.estimates, **{key: one.judged.estimate for key, one in named.items()}}
     return {
         "session": assessment.session,
-        "changes": [
-            {**entry, "key": one.change.key}
-            for one in assessment.named
-            for entry in list_entries([one], structure, scatter)
-        ],
+        "changes": list_entries(assessment, reference),
         "cannot_tell": assessment.cannot_tell,
+        "smallest_visible": assessment.smallest,
         "events": assessment.events,
-        "next_measurement": [plan.to_mapping(structure.joints) for plan in assessment.plans],
         "notes": assessment.notes,
         "wear": record_worn(assessment.worn, reference),
-        "rows": list_rows(reference, together, set(named)),
-        "series": list_series(reference, together),
+        **list_estimates(reference, assessment.evidence, assessment.named),
     }
 
 
-def record_reference(reference: Reference) -> dict[str, Any]:
-    """Record of the reference: its healthy sessions, held out, and what is fixed."""
-    structure, scatter = reference.structure, reference.scatter
+def record_healthy(reference: Reference, healthy: Sequence[Healthy]) -> list[dict[str, Any]]:
+    """Records of the healthy sessions, each against the others."""
+    return [
+        {"session": one.name, **list_estimates(reference, reference.weigh(one.made, belief=one.belief), ())}
+        for one in healthy
+    ]
+
+
+def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What is fixed of the healthy machine."""
+    structure = reference.structure
     low, high = structure.warmth
+    names = ("friction", "friction", "friction", "torque", "torque")
+    scatter = {name: [float(x) for x, n in zip(reference.scatter, names * len(structure.moving), strict=True)
+                      if n == name] for name in names}  # fmt: skip
     return {
-        "sessions": [
-            {
-                "session": name,
-                "rows": list_rows(reference, estimates, set()),
-                "series": list_series(reference, estimates),
-            }
-            for name, estimates in reference.held_out.items()
-        ],
-        "joints": list(structure.joints),
         "terms": [
             {"joint": structure.joints[entry.joint], "effect": entry.effect.name}
             for entry in structure.entries
@@ -59,58 +51,41 @@ def record_reference(reference: Reference) -> dict[str, Any]:
             joint: [float(low[j]), float(high[j])] if np.isfinite(low[j]) else None
             for j, joint in enumerate(structure.joints)
         },
-        "scatter": {
-            "friction": scatter.friction,
-            "torque": scatter.torque,
-            "sessions": scatter.sessions,
-        },
+        "scatter": {name: float(np.median(sizes)) for name, sizes in scatter.items()}
+        | {"sessions": len(healthy)},
     }
 
 
-def list_rows(
-    reference: Reference, estimates: Mapping[str, Estimate], named: set[str]
-) -> list[dict[str, Any]]:
-    """Rows of ``changes.parquet``: each parameter with its interval, a joint's friction fitted as one.
+def list_estimates(reference: Reference, evidence: Evidence, named: Sequence[Change]) -> dict[str, Any]:
+    """Rows of ``changes.parquet`` and series: each change given those that are named.
 
-    Parameters
-    ----------
-    reference : Reference
-    estimates : mapping of str to Estimate
-        By the change's key.
-    named : set of str
-        Keys of those that the session is said to show.
+    Of each joint's friction there is one row of its RMS torque. A series holds a change's share of its
+    joint's friction or torque, signed, and its standard error.
     """
-    rows: list[dict[str, Any]] = []
-    structure, scatter = reference.structure, reference.scatter
-    for key, estimate in estimates.items():
-        change = estimate.change
-        if change.name == FRICTION:
-            curve = estimates.get(f"{CURVE}@{change.joint}", estimate)
-            share, half = measure_friction(curve, scatter)
-            size = float(structure.scales.friction[change.joint])
-            friction = (structure.torque_unit[change.joint], size, size * share, size * half)
-            p = scatter.p_value(estimate)
-            rows.append(_row(structure.joints[change.joint], FRICTION, "torque", *friction, p, key in named))
-        if not change.asked or _is_shown_together(change, named):
+    structure, rows, series = reference.structure, [], {}
+    for change in evidence.changes:
+        rest = [c for c in named if (c.kind, c.joint) != (change.kind, change.joint)]
+        fit = evidence.fit([*rest, change])
+        if not np.any(evidence.z[:, :, evidence.at[change.key]]):
             continue
-        joint = structure.joints[change.joint]
-        p, width = scatter.p_value(estimate), scatter.width(estimate)
+        share, error = measure_share(evidence, fit, change)
+        series[change.key] = [share, error]
+        p, joint, is_named = fit.p_value(change), structure.joints[change.joint], change in named
+        if change.name == FRICTION:
+            size = float(structure.scales.friction[change.joint])
+            told = (structure.torque_unit[change.joint], size, size * share, WIDTH * size * error)
+            own = any(c.kind == FRICTION and c.joint == change.joint for c in named)
+            rows.append(_row(joint, FRICTION, "torque", *told, p, own))
+        if change.weights or (change.name != change.effects[0] and not is_named):
+            continue
+        values, errors = fit.values[change.key], fit.error(change)
         units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
-        for (effect, name), value, half in zip(change.parameters, estimate.value, width, strict=True):
+        for (effect, name), value, half in zip(change.parameters, values, WIDTH * errors, strict=True):
             parameter = next(x for x in effect.coefficients if x.name == name)
             was = find_value(structure, reference.belief.mean, change, effect.name, name)
             unit = parameter.unit_at(*units)
-            rows.append(_row(joint, effect.name, name, unit, was, float(value), float(half), p, key in named))
-    return rows
-
-
-def _is_shown_together(change: Change, named: set[str]) -> bool:
-    """Whether a change's parameters stand in the rows of the joint's friction as a whole."""
-    whole = f"{FRICTION}@{change.joint}"
-    alone = {f"{effect.name}@{change.joint}" for effect in plain_friction()}
-    if change.key in alone:
-        return change.key not in named
-    return change.key == whole and bool(alone & named)
+            rows.append(_row(joint, effect.name, name, unit, was, float(value), float(half), p, is_named))
+    return {"rows": rows, "series": series}
 
 
 def _row(
@@ -134,15 +109,6 @@ def find_value(structure: Structure, mean: np.ndarray, change: Change, effect: s
             if parameter in names:
                 return float(mean[span][names.index(parameter)])
     return 0.0
-
-
-def list_series(reference: Reference, estimates: Mapping[str, Estimate]) -> dict[str, list[float]]:
-    """Size of each change as a share of its joint's torque, signed, and its standard error, by key."""
-    found = {}
-    for key, estimate in estimates.items():
-        share, half = relative_change(estimate, reference.scatter)
-        found[key] = [share, half / 1.96]
-    return found
 
 
 def collect_series(records: Sequence[Mapping[str, Any]], key: str) -> np.ndarray:

@@ -2,29 +2,38 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wearscope.closed_loop.diagnosis import Diagnosis, diagnose
+from wearscope.closed_loop.intake.prepared import PreparedRun
+from wearscope.closed_loop.model.events import measure_tails, take_out_state
 from wearscope.closed_loop.model.inertials import payload_penalty
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.vocabulary import plain_friction
 from wearscope.robots.model import RobotModel
-from wearscope.tracking.changes import Change, list_changes, list_measured, plain_term
-from wearscope.tracking.inference import Belief, Estimate, Sample, estimate_change, make_sample
-from wearscope.tracking.rows import RunRows, make_rows, stack_rows
-from wearscope.tracking.scatter import PRIOR_FRICTION, Scatter, measure_scatter
+from wearscope.tracking.changes import Change, list_changes, plain_term
+from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence
+from wearscope.tracking.rows import RunRows, make_rows
+from wearscope.tracking.scatter import PRIOR_FRICTION, measure_scatter, prior_scatter
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.sessions import read_reference
-from wearscope.tracking.structure import Scales, Structure
+from wearscope.tracking.structure import Belief, Scales, Structure
 from wearscope.tracking.tracked_model import make_healthy_model
 
 #: Least friction of a joint, as a share of its torque, and of its residual: what a change is measured by.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
+#: Mean square that a healthy session leaves over that of the others, from which it is not one with them;
+#: fewest sessions that tell which one it is; how free friction, factor and level are, over the prior scatter.
+_BAD, _FEWEST, _FREE = 25.0, 3, 30.0
+#: How far beyond a link a body may be [m].
+_BEYOND = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +43,25 @@ class Reference:
     Attributes
     ----------
     sessions : tuple of str
-        Of the reference.
+        Of the reference, without those that scatter.
     structure : Structure
     belief : Belief
         Of all training runs.
     payload_prior : ndarray (10,)
-    scatter : Scatter
-    held_out : dict of str to dict of str to Estimate
-        Each change in each healthy session, held out; by session (run where there is one), then by key.
+        Prior precision of a body's parameters.
+    scatter : ndarray (k,)
+        Standard deviation of each of `wearscope.tracking.rows.scatter_columns` between healthy sessions.
+    usual : ndarray (n,)
+        Mean square torque that the healthy session leaves in which it is largest, held out.
+    tails : ndarray (n, k)
+        Noise of healthy sessions, of `wearscope.closed_loop.model.events.measure_tails`.
+    reach : float
+        Of the arm [m].
+    centres : ndarray (n, 3)
+        Centre of mass of each link in its frame [m].
+    scattering : list of dict
+        Sessions that were left out: `session`, `joint`, `rms` of what it leaves of the others' prediction,
+        and what the `others` leave and do not know.
     robot : RobotModel
         The healthy machine, as the simulator has it.
     """
@@ -50,19 +70,40 @@ class Reference:
     structure: Structure
     belief: Belief
     payload_prior: np.ndarray
-    scatter: Scatter
-    held_out: dict[str, dict[str, Estimate]]
+    scatter: np.ndarray
+    usual: np.ndarray
+    tails: np.ndarray
+    reach: float
+    centres: np.ndarray
+    scattering: list[dict[str, Any]]
     robot: RobotModel
 
-    @property
+    @cached_property
     def changes(self) -> list[Change]:
         """What may change."""
-        return list_changes(self.structure)
+        return list_changes(self.structure, self.belief.mean)
 
-    @property
-    def measured(self) -> list[Change]:
-        """What may change, and what only has a size."""
-        return list_measured(self.structure)
+    def weigh(
+        self,
+        made: Sequence[RunRows],
+        level: float = FALSE_ALARM_RATE,
+        belief: Belief | None = None,
+        of_temperature: bool = True,
+    ) -> Evidence:
+        """Evidence of a session's rows, compared with the reference or with another belief of it."""
+        return Evidence(
+            self.structure, self.changes, belief or self.belief, self.payload_prior, made, self.scatter,
+            of_temperature, level,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Healthy:
+    """A healthy session, held out: its rows, and what the others say of the machine."""
+
+    name: str
+    made: list[RunRows]
+    belief: Belief
 
 
 def identify_reference(
@@ -71,48 +112,100 @@ def identify_reference(
     progress: Callable[[str], None] = lambda _: None,
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
-) -> Reference:
+) -> tuple[Reference, list[Healthy]]:
     """Identify the healthy machine; parameters as of `wearscope.closed_loop.diagnosis.diagnose`.
+
+    A healthy session that the others do not predict is left out and named, where three or more are.
+
+    Returns
+    -------
+    Reference
+    list of Healthy
+        Each healthy session that counts; of one alone, each of its runs.
 
     Raises
     ------
     InputError
         Where the reference's runs break the format or cannot be what they say.
     """
-    diagnosis = diagnose(read_reference(sessions), policy, progress, effects, allow_code)
-    model = choose_terms(diagnosis)
-    structure, made, prior = lay_out(diagnosis, model)
+    scattering: list[dict[str, Any]] = []
+    while True:
+        diagnosis = diagnose(read_reference(sessions), policy, progress, effects, allow_code)
+        model = choose_terms(diagnosis)
+        structure, made, prior = lay_out(diagnosis, model)
+        healthy = [
+            Healthy(n, own, fit_belief(structure, rest, prior)) for n, rest, own in split_healthy(made)
+        ]
+        worst = find_scattering(structure, healthy)
+        rest = tuple(name for name in sessions.reference if not worst or name != worst["session"])
+        if worst is None or not any(r.run.use == "train" and r.run.session in rest for r in made):
+            break
+        progress(f"session {worst['session']} is not one with the other healthy ones; it is left out")
+        scattering.append(worst)
+        sessions = replace(sessions, reference=rest)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
-    changes = list_measured(structure)
-    held_out: dict[str, dict[str, Estimate]] = {}
-    for name, rest, own in split_healthy(made):
-        believed = fit_belief(structure, rest, prior)
-        stacked = stack_rows(structure, changes, own)
-        sample = make_sample(stacked, changes, believed, payload_prior)
-        known = make_sample(stacked, changes, believed, payload_prior, structure.of_temperature)
-        estimates = {
-            change.key: estimate_change(choose_sample(structure, change, sample, known), change)
-            for change in changes
-        }
-        held_out[name] = {key: e for key, e in estimates.items() if e is not None}
-    moving = int(structure.frame.moving.sum())
-    scatter = measure_scatter(list(held_out.values()), moving, len(sessions.reference) > 1)
-    progress(
-        f"healthy sessions scatter by {100 * scatter.friction:.2g} % of friction, "
-        f"{100 * scatter.torque:.2g} % of torque ({scatter.sessions} held out)"
-    )
-    robot = make_healthy_model(diagnosis, model, structure, belief)
-    return Reference(sessions.reference, structure, belief, payload_prior, scatter, held_out, robot)
+    plain = [Evidence(structure, (), h.belief, payload_prior, h.made) for h in healthy]
+    scatter = measure_scatter(structure, plain, [h.made for h in healthy])
+    body = made[0].signals.rigid_body
+    origins = body.joint_origins(np.zeros((1, structure.n)))[0]
+    parameters = body.inertial_parameters.reshape(-1, 10)
+    centres = parameters[:, 1:4] / np.maximum(parameters[:, :1], 1e-9)
+    # A body may be as far beyond the last link's centre of mass as that is from the joint.
+    links = np.linalg.norm(np.diff(origins[1 : structure.n + 1], axis=0), axis=1)
+    far = max(np.linalg.norm(origins[-1] - origins[-2]), 2.0 * np.linalg.norm(centres[-1]))
+    reference = Reference(
+        sessions.reference, structure, belief, payload_prior, scatter, np.zeros(structure.n),
+        np.zeros((structure.n, 0)), float(links.sum() + far) + _BEYOND,
+        centres, scattering,
+        make_healthy_model(diagnosis, model, structure, belief),
+    )  # fmt: skip
+    usual, left = np.full(structure.n, 1e-300), []
+    for one in healthy:
+        evidence = reference.weigh(one.made, belief=one.belief)
+        usual = np.maximum(usual, evidence.fit(()).held)
+        left += leave_changes(evidence, [r.run for r in one.made])
+    runs = [r.run for one in healthy for r in one.made]
+    tails = measure_tails(runs, left, structure.frame.moving, structure.frame.top_speed)
+    return replace(reference, usual=usual, tails=tails), healthy
 
 
-def choose_sample(structure: Structure, change: Change, sample: Sample, known: Sample) -> Sample:
-    """The sample that a change is estimated from; `known` is as if what temperature does were known.
+def leave_changes(evidence: Evidence, runs: Sequence[PreparedRun]) -> list[np.ndarray]:
+    """What is left (M, n) of each run without what goes with the machine's state."""
+    ends = np.cumsum([len(run.t) for run in runs])[:-1]
+    return take_out_state(runs, np.split(evidence.take_out(), ends))
 
-    The size of a joint's friction whose temperature was not recorded is shown as it was felt, by whatever
-    cause; an unknown temperature may be all of any change.
+
+def find_scattering(structure: Structure, healthy: Sequence[Healthy]) -> dict[str, Any] | None:
+    """The healthy session that the others predict worst, where it is not one with them; of three or more.
+
+    What is left counts without friction, a torque's factor and level, which may differ by temperature. What
+    the others do not know of the machine counts as theirs.
     """
-    return known if not change.asked and np.isnan(structure.temperature[change.joint]) else sample
+    if len({r.run.session for h in healthy for r in h.made}) < _FEWEST:
+        return None
+    found = []
+    free = _FREE * prior_scatter(structure)
+    for one in healthy:
+        known = Belief(one.belief.mean, np.zeros_like(one.belief.covariance))
+        own = Evidence(structure, (), known, np.ones(10), one.made, free)
+        unknown = np.zeros(structure.n)
+        for r in one.made:
+            spread = np.einsum("rjp,pq,rjq->rj", r.columns, one.belief.covariance, r.columns, optimize=True)
+            unknown += (spread * (r.weights > 0)).sum(axis=0)
+        square = [
+            Evidence(structure, (), known, np.ones(10), h.made, free).fit(()).fitted
+            for h in healthy
+            if h is not one
+        ]
+        others = np.mean(square, axis=0) + unknown / own.count
+        ratio = np.where(structure.frame.moving, own.fit(()).fitted / np.maximum(others, 1e-300), 0.0)
+        j = int(np.argmax(ratio))
+        told = {"session": one.name, "joint": structure.joints[j]}
+        found.append((ratio[j], told | {"rms": float(np.sqrt(own.fit(()).fitted[j])),
+                                        "others": float(np.sqrt(others[j]))}))  # fmt: skip
+    ratio, worst = max(found, key=lambda pair: pair[0])
+    return worst if ratio > _BAD else None
 
 
 def choose_terms(diagnosis: Diagnosis) -> Regression:

@@ -1,21 +1,17 @@
 """Runs as rows: torques, weights and regressors, at the common bandwidth."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wearscope.closed_loop.intake.filtering import rows as band_rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.effects.base import Signals
-from wearscope.tracking.changes import Change
-from wearscope.tracking.inference import SessionRows
 from wearscope.tracking.structure import Structure
 
 #: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets; least [s].
 _BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
-#: Share of its top speed above which a joint moves.
-_MOVES = 0.01
+#: Speed over which friction at low speed dies away, as a share of the joint's top speed.
+_SLOW = 0.05
 
 
 @dataclass(eq=False)
@@ -65,11 +61,13 @@ def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
 
 
 def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
-    """The run as if its temperatures had kept within those of the reference."""
+    """The run as if its mean temperatures had kept within those of the reference."""
     low, high = (
         np.where(np.isfinite(x), x, y) for x, y in zip(structure.warmth, (-np.inf, np.inf), strict=True)
     )
-    return replace(run, signals=replace(run.signals, temperature=np.clip(run.signals.temperature, low, high)))
+    warmth = run.signals.temperature
+    mean = warmth.mean(axis=0)
+    return replace(run, signals=replace(run.signals, temperature=warmth + np.clip(mean, low, high) - mean))
 
 
 def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
@@ -77,41 +75,19 @@ def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
     return run.reduce(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))
 
 
-def stack_rows(structure: Structure, changes: Sequence[Change], runs: Sequence[RunRows]) -> SessionRows:
-    """Rows of a session's runs."""
-    target, base, unrecorded, columns, shares, starts = [], [], [], [], [], []
-    first = 0
-    for rows in runs:
-        w, keep = rows.weights, rows.weights > 0
-        parts = [reduce_columns(rows.run, change.columns(rows.signals)) for change in changes]
-        scaled = []
-        for change, x in zip(changes, parts, strict=True):
-            size = structure.scales.friction if change.friction else structure.scales.torque
-            taken, felt = (keep, x) if change.asked else feel_torque(structure, change, rows)
-            scaled.append(
-                felt * (taken / size)[:, :, None] / np.sqrt(max(float(taken.sum(axis=0).max()), 1.0))
-            )
-        columns.append(_flatten(np.concatenate(parts, axis=2) * w[:, :, None]))
-        shares.append(_flatten(np.concatenate(scaled, axis=2)))
-        target.append((rows.target * w).ravel())
-        base.append(_flatten(rows.columns * w[:, :, None]))
-        unrecorded.append(_flatten(rows.unrecorded * w[:, :, None]))
-        starts.append(first + rows.starts * structure.n)
-        first += w.size
-    together = [np.concatenate(x) for x in (target, base, unrecorded, columns, shares, starts)]
-    together[4] /= np.sqrt(len(runs))
-    return SessionRows(*together)
+def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
+    """Regressors (M, n, 5 m) of what healthy sessions differ in, of the RMS of the torque that they scatter.
 
-
-def feel_torque(structure: Structure, change: Change, rows: RunRows) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (M, n) in which a joint moves, and regressors (M, n, m) there before the common filter.
-
-    A joint feels a bump at low speed in full, however briefly; the filter leaves little of it.
+    At each of the m joints that move: its friction as Coulomb and as viscous friction and at low speed, its
+    torque's factor, and its level.
     """
-    at = band_rows(rows.run.band, len(rows.signals.t))
-    moves = np.abs(rows.signals.v[at]) > _MOVES * np.maximum(structure.frame.top_speed, 1e-12)
-    return moves, change.columns(rows.signals)[at]
-
-
-def _flatten(x: np.ndarray) -> np.ndarray:
-    return x.reshape(x.shape[0] * x.shape[1], x.shape[2])
+    parts = []
+    for j in map(int, structure.moving):
+        s, part = rows.signals, np.zeros((*rows.signals.q.shape, 5))
+        part[:, j, 0] = structure.friction_column(s, j, False)
+        part[:, j, 1] = structure.friction_column(s, j, True)
+        part[:, j, 2] = part[:, j, 0] * np.exp(-np.abs(s.v[:, j]) / (_SLOW * structure.frame.top_speed[j]))
+        part[:, j, 3] = np.asarray(s.torque)[:, j]
+        part[:, j, 4] = structure.scales.torque[j]
+        parts.append(part)
+    return reduce_columns(rows.run, np.concatenate(parts, axis=2))

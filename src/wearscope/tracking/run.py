@@ -18,10 +18,11 @@ from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
 from wearscope.robots.model import save_model
 from wearscope.tracking.changes import FRICTION
-from wearscope.tracking.next_session import write_plans
-from wearscope.tracking.records import collect_series, record_assessment, record_reference
+from wearscope.tracking.evidence import FALSE_ALARM_RATE
+from wearscope.tracking.records import collect_series, describe_reference, record_assessment, record_healthy
 from wearscope.tracking.reference import Reference, identify_reference
-from wearscope.tracking.session import FALSE_ALARM_RATE, assess_session
+from wearscope.tracking.scatter import PRIOR_FRICTION
+from wearscope.tracking.session import assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference
 from wearscope.tracking.tracked_model import STAGE, make_tracked_model
@@ -52,8 +53,8 @@ def write_reference(
     InputError
         Where the data set has no reference, or breaks the format.
     """
-    reference = identify_reference(read_sessions(dataset), policy, progress, effects, allow_code)
-    save_reference(path, reference)
+    reference, healthy = identify_reference(read_sessions(dataset), policy, progress, effects, allow_code)
+    save_reference(path, reference, record_healthy(reference, healthy))
 
 
 def write_session(
@@ -66,7 +67,7 @@ def write_session(
     allow_code: bool = False,
 ) -> dict[str, Any]:
     """Compare one session with a reference that was written, and write the session's record as JSON."""
-    healthy = load_reference(reference, effects, allow_code)
+    healthy, _ = load_reference(reference, effects, allow_code)
     record = record_assessment(assess_session(read_sessions(dataset), session, healthy, level), healthy)
     tables.write_text(path, dump(record))
     return record
@@ -83,8 +84,8 @@ def join_sessions(
 ) -> dict[str, Any]:
     """Write ``changes.parquet`` and ``tracking.json`` from the sessions' records."""
     read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in records]
-    healthy = load_reference(reference, effects, allow_code)
-    return write_tracking(read_sessions(dataset), healthy, read, folder, level)
+    healthy, before = load_reference(reference, effects, allow_code)
+    return write_tracking(read_sessions(dataset), healthy, before, read, folder, level)
 
 
 @keep_to_one_thread
@@ -121,12 +122,12 @@ def track(
         Where the data set has no reference, or breaks the format; nothing is written then.
     """
     sessions = read_sessions(dataset)
-    healthy = identify_reference(sessions, policy, progress, effects, allow_code)
-    records = []
+    reference, healthy = identify_reference(sessions, policy, progress, effects, allow_code)
+    before, records = record_healthy(reference, healthy), []
     for session in sessions.later:
-        records.append(record_assessment(assess_session(sessions, session, healthy, level), healthy))
+        records.append(record_assessment(assess_session(sessions, session, reference, level), reference))
         progress(f"{session}: {tell_changes(records[-1])}")
-    return write_tracking(sessions, healthy, records, folder, level)
+    return write_tracking(sessions, reference, before, records, folder, level)
 
 
 def tell_changes(record: dict[str, Any]) -> str:
@@ -138,42 +139,36 @@ def tell_changes(record: dict[str, Any]) -> str:
 
 
 def write_tracking(
-    sessions: Sessions, reference: Reference, records: Sequence[dict[str, Any]], folder: str | Path,
-    level: float,
+    sessions: Sessions, reference: Reference, healthy: Sequence[dict[str, Any]],
+    records: Sequence[dict[str, Any]], folder: str | Path, level: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Write ``changes.parquet``, ``model_tracked.yaml``, then ``tracking.json``; records in any order."""
     by_name = {record["session"]: record for record in records}
     later = [by_name[session] for session in sessions.later]
-    own = record_reference(reference)
     rows = [
-        {"session": record["session"], "healthy": healthy, **row}
-        for healthy, part in ((True, own["sessions"]), (False, later))
+        {"session": record["session"], "healthy": is_healthy, **row}
+        for is_healthy, part in ((True, healthy), (False, later))
         for record in part
         for row in record["rows"]
     ]
     worn = [{"session": r["session"], **one} for r in later for one in r["wear"]]
-    write_plans(Path(folder), later, reference)
     told = {
         "dataset": sessions.name,
         "dataset_digest": digest_dataset(sessions.folder, load_fields(sessions.folder / "dataset.yaml")),
-        "reference": list(sessions.reference),
+        "reference": list(reference.sessions),
         "false_alarm_rate": level,
+        "reference_scatter": reference.scattering,
         "sessions": [
             {
                 "session": record["session"],
-                "changes": [tell_entry(entry, k, own["sessions"], later) for entry in record["changes"]],
-                "cannot_tell": record["cannot_tell"],
-                "events": record["events"],
-                "next_measurement": [
-                    {key: value for key, value in one.items() if key != "motion"}
-                    for one in record["next_measurement"]
-                ],
+                "changes": [tell_entry(entry, k, healthy, later) for entry in record["changes"]],
+                **{key: record[key] for key in ("cannot_tell", "smallest_visible", "events")},
             }
             for k, record in enumerate(later)
         ],
-        "trends": list_trends(own, later),
+        "trends": list_trends(reference.structure.joints, later),
         "wear": worn,
-        "healthy": {key: own[key] for key in ("terms", "temperatures", "scatter")},
+        "healthy": describe_reference(reference, healthy),
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
     }
@@ -188,37 +183,30 @@ def tell_entry(
     entry: dict[str, Any], k: int, healthy: Sequence[dict[str, Any]], later: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """Entry of a change in the `k`-th later session, with the session from which it counts."""
-    key, joint = entry["key"], entry["joint"]
-    friction = is_friction_key(key)
-    series_key = f"{FRICTION}@{key.partition('@')[2]}" if friction else key
-    values, errors = collect_series([*healthy, *later], series_key)
+    key = series_key(entry)
+    values, errors = collect_series([*healthy, *later], key)
     segments = leave_healthy(find_segments(values, errors), len(healthy))
-    counting = [
-        any(
-            other["joint"] == joint and (is_friction_key(other["key"]) if friction else other["key"] == key)
-            for other in record["changes"]
-        )
-        for record in later
-    ]
+    counting = [key in map(series_key, record["changes"]) for record in later]
     since = find_since(counting, segments, k)
     ordered = ("joint", "effect", "parameter", "change", "ci95", "unit")
     return {
         **{name: entry[name] for name in ordered},
         "since": later[since]["session"],
         "equivalent": entry["equivalent"],
+        **({"anywhere": entry["anywhere"]} if entry["anywhere"] else {}),
     }
 
 
-def is_friction_key(key: str) -> bool:
-    """Whether a change's key is one of friction, of whatever form."""
-    name = key.partition("@")[0]
-    return name == FRICTION or load_effect(name).is_friction
+def series_key(entry: dict[str, Any]) -> str:
+    """Key of the series of a change; friction of whatever form has one a joint."""
+    joint = entry["key"].partition("@")[2]
+    return f"{FRICTION}@{joint}" if load_effect(entry["effect"]).is_friction else entry["key"]
 
 
-def list_trends(own: dict[str, Any], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Straight line through each joint's friction over the later sessions, as a share of it by session."""
     found = []
-    for j, joint in enumerate(own["joints"]):
+    for j, joint in enumerate(joints):
         trend = fit_trend(*collect_series(later, f"{FRICTION}@{j}"))
         if trend is not None:
             found.append(
@@ -236,12 +224,19 @@ def list_trends(own: dict[str, Any], later: Sequence[dict[str, Any]]) -> list[di
 
 def tell_scatter(reference: Reference) -> list[str]:
     """What a reader should know where the reference shows little of how healthy sessions differ."""
-    if len(reference.sessions) > 1:
-        return []
-    return [
-        "the reference is one session, which does not show how healthy sessions differ; "
-        f"{100 * reference.scatter.friction:.2g} % of friction is assumed. Add healthy sessions."
+    said = [
+        f"session {one['session']} of the reference is not one with the others and was left out: at "
+        f"{one['joint']} it leaves {one['rms']:.3g} of their prediction, and they "
+        f"leave {one['others']:.3g} (RMS torque). If the machine was healthy and free in it, the other "
+        "sessions were not."
+        for one in reference.scattering
     ]
+    if len(reference.sessions) == 1:
+        said.append(
+            "the reference is one session, which does not show how healthy sessions differ; "
+            f"{100 * PRIOR_FRICTION:.2g} % of friction is assumed. Add healthy sessions."
+        )
+    return said
 
 
 def dump(content: dict[str, Any]) -> str:

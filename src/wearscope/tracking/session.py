@@ -1,31 +1,30 @@
 """One session against the reference: what changed in it, and what cannot be told."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_state
-from wearscope.tracking.changes import FRICTION, Change
-from wearscope.tracking.decision import Judged, Named, counts, excludes, name_changes, touches
-from wearscope.tracking.inference import Estimate, Sample, estimate_change, make_sample
-from wearscope.tracking.next_session import NextSession, plan_session, tell_plan
-from wearscope.tracking.reference import Reference, choose_sample
-from wearscope.tracking.rows import hold_temperatures, make_rows, stack_rows
-from wearscope.tracking.scatter import Scatter, relative_change
+from wearscope.closed_loop.model.events import Event, find_events, leave_out
+from wearscope.tracking.bodies import weigh_point
+from wearscope.tracking.changes import BODY, FRICTION, Change
+from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit
+from wearscope.tracking.reference import Reference, leave_changes
+from wearscope.tracking.rows import hold_temperatures, make_rows
+from wearscope.tracking.search import Found, find_changes
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session
 from wearscope.tracking.structure import Structure
 from wearscope.tracking.worn import Worn, identify_wear
 
-#: False-alarm rate of a session, over all joints and changes.
-FALSE_ALARM_RATE = 0.01
+#: Standard errors of a 95 % interval.
+WIDTH = 2.0
 #: Kelvin beyond the reference's temperatures that are still those of the reference.
 _BEYOND = 1.0
-#: A change of friction of this share must be seen, were the temperature's part known; else nothing is said.
+#: A change of friction of this share must be seen, were the temperature's part known; else it is said.
 _HIDDEN, _SEEN = 0.3, 0.15
 
 
@@ -36,33 +35,34 @@ class Assessment:
     Attributes
     ----------
     session : str
-    named : list of Named
-    estimates : dict of str to Estimate
-        Every change alone, by key.
-    hidden : dict of int to str
-        What cannot be told of a joint's friction, and what to measure.
+    named : list of Change
+    fit : Fit
+        Of what is named.
+    found : Found
+        With what else was weighed.
+    evidence : Evidence
+    cannot_tell : list of str
+        Sentences on what cannot be told.
+    smallest : dict of str to dict
+        By joint, the smallest change that the session would show: `friction` as a share of it, and `mass`
+        [kg] on the link that the joint moves, at its centre of mass.
     notes : list of str
     worn : list of Worn
         Wear of each joint whose friction grew.
-    plans : list of NextSession
-        What to record next for joints of which something cannot be told.
     events : list of dict
         Short events, as ``verdict.json`` has them; their rows are left out.
     """
 
     session: str
-    named: list[Named]
-    estimates: dict[str, Estimate]
-    hidden: dict[int, str]
+    named: list[Change]
+    fit: Fit
+    found: Found
+    evidence: Evidence
+    cannot_tell: list[str]
+    smallest: dict[str, dict[str, float]]
     notes: list[str]
     worn: list[Worn]
-    plans: list[NextSession] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-
-    @property
-    def cannot_tell(self) -> list[str]:
-        """Sentences on what cannot be told."""
-        return list(self.hidden.values())
 
 
 def assess_session(
@@ -75,68 +75,136 @@ def assess_session(
     InputError
         Where its runs break the format or cannot be what they say.
     """
-    dataset = read_session(sessions, session)
-    runs, notes = prepare_runs(dataset, reference.structure.frame)
-    found = assess_runs(session, runs, reference, level, notes)
-    plans = [plan_session(reference, dataset, runs, joint) for joint in found.hidden]
-    kept = {plan.joint: plan for plan in plans if plan is not None}
-    told = {
-        joint: f"{text} {tell_plan(kept[joint])}" if joint in kept else text
-        for joint, text in found.hidden.items()
-    }
-    return replace(found, hidden=told, plans=list(kept.values()))
+    runs, notes = prepare_runs(read_session(sessions, session), reference.structure.frame)
+    return assess_runs(session, runs, reference, notes, level)
 
 
 def assess_runs(
-    session: str,
-    runs: Sequence[PreparedRun],
-    reference: Reference,
+    session: str, runs: Sequence[PreparedRun], reference: Reference, notes: Sequence[str] = (),
     level: float = FALSE_ALARM_RATE,
-    notes: Sequence[str] = (),
-) -> Assessment:
-    """What changed in a session's runs, prepared in the reference's frame.
-
-    Parameters
-    ----------
-    session : str
-    runs : sequence of PreparedRun
-    reference : Reference
-    level : float
-        False-alarm rate of a session.
-    notes : sequence of str
-    """
-    structure, changes, measured = reference.structure, reference.changes, reference.measured
+) -> Assessment:  # fmt: skip
+    """What changed in a session's runs, prepared in the reference's frame."""
+    structure = reference.structure
     events = find_session_events(reference, runs)
     runs = leave_out(runs, events, structure.joints)
     made = [make_rows(structure, run) for run in runs]
-    rows = stack_rows(structure, measured, made)
-    sample = make_sample(rows, measured, reference.belief, reference.payload_prior)
-    named = name_changes(changes, make_ask(sample, reference.scatter), level)
-    held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
-    known = make_sample(
-        stack_rows(structure, measured, held), measured, reference.belief, reference.payload_prior,
-        structure.of_temperature,
-    )  # fmt: skip
-    alone = {
-        change.key: estimate_alone(choose_sample(structure, change, sample, known), change, named)
-        for change in measured
-    }
-    hidden = explain_hidden(reference, runs, sample, known, named, level)
-    known_alone = {key: e for key, e in alone.items() if e is not None}
+    evidence = reference.weigh(made, level)
+    known = evidence
+    if is_temperature_open(structure, runs):
+        held = [make_rows(structure, hold_temperatures(structure, run)) for run in runs]
+        known = reference.weigh(held, level, of_temperature=False)
+    found = find_changes(known, reference.usual, reference.reach)
+    named, hidden = list(found.named), {}
+    if known is not evidence:
+        for change in [c for c in named if c.kind == FRICTION]:
+            rest = [c for c in named if c is not change]
+            if evidence.compare(evidence.fit(rest), evidence.fit(named)) < 0.0:
+                named, hidden[change.joint] = rest, tell_size(known, found.fit, change)
+    cannot_tell = [
+        f"The friction of {structure.joints[j]} changed by {size}, by wear or by its temperature: "
+        f"{describe_temperatures(structure, runs, j)}"
+        for j, size in hidden.items()
+    ]
+    smallest = find_smallest(known, found.fit.changes, reference)
+    blind = find_smallest(evidence, found.fit.changes, reference)
+    for j in structure.moving:
+        joint = structure.joints[j]
+        sees, saw = blind[joint]["friction"], smallest[joint]["friction"]
+        if j not in hidden and sees > _HIDDEN and saw < _SEEN and _is_recorded(runs, j):
+            cannot_tell.append(
+                f"A change of {joint}'s friction by less than {100 * sees:.0f} % could not be seen: "
+                f"{describe_temperatures(structure, runs, j)}"
+            )
+    cannot_tell += tell_unknown(found, structure)
+    fit = evidence.fit(named)
     worn = identify_wear(reference, made, named)
     told = [*notes, *tell_events(events, dict(zip(structure.joints, structure.torque_unit, strict=True)))]
-    return Assessment(session, named, known_alone, hidden, told, worn, events=events)
+    return Assessment(session, named, fit, found, evidence, cannot_tell, smallest, told, worn, events)
+
+
+def is_temperature_open(structure: Structure, runs: Sequence[PreparedRun]) -> bool:
+    """Whether a joint's temperature is not recorded, or beyond those of the reference."""
+    for j in structure.moving:
+        warmth = np.concatenate([run.signals.temperature[:, j] for run in runs])
+        low, high = structure.warmth[:, j] + np.array([-_BEYOND, _BEYOND])
+        if not np.all((warmth >= low) & (warmth <= high)):
+            return True
+    return False
+
+
+def tell_size(evidence: Evidence, fit: Fit, change: Change) -> str:
+    """Change of a joint's friction in per cent of it, with its 95 % interval."""
+    share, error = measure_share(evidence, fit, change)
+    ends = [100 * (share - WIDTH * error), 100 * (share + WIDTH * error)]
+    said = f"{100 * share:+.0f} % ({ends[0]:+.0f} to {ends[1]:+.0f} %)"
+    return said.replace("-", chr(0x2212))
+
+
+def measure_share(evidence: Evidence, fit: Fit, change: Change) -> tuple[float, float]:
+    """RMS torque of a change as a share of its joint's friction or torque, signed, and its standard error.
+
+    Positive where the change takes power along the motion. Noise makes any RMS larger: its part is taken out.
+    """
+    structure, j = evidence.structure, change.joint
+    friction = any(term.effect.is_friction for term in change.terms)
+    size = structure.scales.friction[j] if friction else structure.scales.torque[j]
+    z = evidence.z[:, :, evidence.at[change.key]]
+    at = int(np.argmax(((z @ fit.values[change.key]) ** 2).sum(axis=0))) if change.kind == BODY else j
+    x = z[:, at] / size / np.sqrt(evidence.count[at])
+    value, covariance = fit.values[change.key], fit.covariances[change.key]
+    square = x.T @ x
+    rms = np.sqrt(max(float(value @ square @ value), 1e-300))
+    slope = square @ value / rms
+    error = float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
+    sign = np.sign(np.sqrt(np.diag(square)) @ value) or 1.0
+    return float(sign * np.sqrt(max(rms**2 - float(np.sum(square * covariance)), 0.0))), error
+
+
+def find_smallest(
+    evidence: Evidence, changes: Sequence[Change], reference: Reference
+) -> dict[str, dict[str, float]]:
+    """By joint, the smallest change of friction (a share of it) and mass [kg] on its link that would show.
+
+    Next to the changes that the session shows.
+    """
+    structure, fit, found = reference.structure, evidence.fit(changes), {}
+    for j, joint in enumerate(structure.joints):
+        seen = {}
+        whole = next((c for c in evidence.changes if c.kind == FRICTION and c.joint == j), None)
+        if whole is not None:
+            x = evidence.z[:, j, evidence.at[whole.key]].sum(axis=1)
+            share = np.sqrt((x @ x) / evidence.count[j]) / structure.scales.friction[j]
+            seen["friction"] = float(share * evidence.smallest(fit, whole, np.ones(whole.count)))
+        body = next(c for c in evidence.changes if c.kind == BODY and c.joint == j)
+        seen["mass"] = evidence.smallest(fit, body, np.array([1.0, *reference.centres[j]]))
+        found[joint] = {name: size for name, size in seen.items() if np.isfinite(size)}
+    return found
+
+
+def tell_unknown(found: Found, structure: Structure) -> list[str]:
+    """Sentences on changes that cancel, and on joints that no change explains."""
+    said = []
+    for pair in found.cancelling:
+        joint = structure.joints[max(change.joint for change in pair)]
+        names = " and ".join(" and ".join(change.effects).replace("_", " ") for change in pair)
+        said.append(
+            f"{joint}: {names} take each other back and are not told apart. Record motions at several "
+            "speeds, over more of the joint's range, with and without a known payload."
+        )
+    for j, ratio in found.unexplained.items():
+        said.append(
+            f"{structure.joints[j]}: torque that no change explains, {np.sqrt(ratio):.1f} times what healthy "
+            "sessions leave (RMS), such as forces from outside. Record the session again without contact."
+        )
+    return said
 
 
 def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> list[Event]:
-    """Short events in what the healthy machine and changes that go with the joints' states leave."""
+    """Short events in what no change explains, by the noise and tail of healthy sessions."""
     structure = reference.structure
-    left = []
-    for run in runs:
-        rows = make_rows(structure, run)
-        left.append(rows.target - rows.columns @ reference.belief.mean)
+    left = leave_changes(reference.weigh([make_rows(structure, run) for run in runs]), runs)
     frame = structure.frame
-    return find_events(runs, take_out_state(runs, left), structure.joints, frame.moving, frame.top_speed)
+    return find_events(runs, left, structure.joints, frame.moving, frame.top_speed, healthy=reference.tails)
 
 
 def tell_events(events: Sequence[Event], units: dict[str, str]) -> list[str]:
@@ -146,80 +214,6 @@ def tell_events(events: Sequence[Event], units: dict[str, str]) -> list[str]:
         f"{e['seconds']:.2f} s, up to {e['size']:.3g} {units[e['joint']]}; an event, its rows are left out."
         for e in events
     ]
-
-
-def estimate_alone(sample: Sample, change: Change, named: Sequence[Named]) -> Estimate | None:
-    """Estimate of a change alone; of what only has a size, given all else that the session shows."""
-    given = [] if change.asked else [one.change for one in named if not excludes(one.change, change)]
-    return estimate_change(sample, change, given)
-
-
-def make_ask(sample: Sample, scatter: Scatter) -> Callable[[Change, Sequence[Change]], Judged | None]:
-    """Estimates of changes given others in a session, each made once.
-
-    What is no friction is asked given all that the friction of a joint may have become where it changed, so
-    that what the named form leaves of it is not taken for something else.
-    """
-    curves = {change.joint: change for change in sample.changes if not change.asked}
-    made: dict[tuple[str, ...], Judged | None] = {}
-
-    def ask(change: Change, given: Sequence[Change]) -> Judged | None:
-        key = (change.key, *sorted(c.key for c in given))
-        if key not in made:
-            others = given
-            if not change.friction:
-                others = [curves.get(c.joint, c) if c.friction else c for c in given]
-            estimate = estimate_change(sample, change, others)
-            made[key] = None if estimate is None else Judged(estimate, scatter.p_value(estimate))
-        return made[key]
-
-    return ask
-
-
-def explain_hidden(
-    reference: Reference, runs: Sequence[PreparedRun], sample: Sample, known: Sample, named: list[Named],
-    level: float,
-) -> dict[int, str]:  # fmt: skip
-    """Sentences on friction that temperature may have changed, by joint.
-
-    Parameters
-    ----------
-    reference : Reference
-    runs : sequence of PreparedRun
-    sample, known : Sample
-        With what is known of the temperature's part; as if all of it were, and nothing changed beyond the
-        reference's temperatures.
-    named : list of Named
-    level : float
-    """
-    said = {}
-    ask, ask_known = make_ask(sample, reference.scatter), make_ask(known, reference.scatter)
-    changes = reference.changes
-    for change in changes:
-        if change.name != FRICTION:
-            continue
-        others = [n.change for n in named]
-        if any(other.friction and other.joint == change.joint for other in others):
-            continue
-        given = [other for other in others if touches(other, change)]
-        as_known, as_is = ask_known(change, given), ask(change, given)
-        if as_known is None or as_is is None:
-            continue
-        told = describe_temperatures(reference.structure, runs, change.joint)
-        joint = reference.structure.joints[change.joint]
-        share, width = relative_change(as_known.estimate, reference.scatter)
-        blind = relative_change(as_is.estimate, reference.scatter)[1]
-        if counts(as_known, level, len(changes)):
-            size = f"{100 * share:+.0f} % ({100 * (share - width):+.0f} to {100 * (share + width):+.0f} %)"
-            said[change.joint] = (
-                f"The friction of {joint} changed by {size.replace('-', chr(0x2212))}, by wear or by its "
-                f"temperature: {told}"
-            )
-        elif 2.0 * blind > _HIDDEN and 2.0 * width < _SEEN and _is_recorded(runs, change.joint):
-            said[change.joint] = (
-                f"A change of {joint}'s friction by less than {200 * blind:.0f} % could not be seen: {told}"
-            )
-    return said
 
 
 def _is_recorded(runs: Sequence[PreparedRun], joint: int) -> bool:
@@ -246,22 +240,33 @@ def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joi
     return f"{seen} Those show too little of what temperature does; measure more healthy sessions."
 
 
-def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter) -> list[dict[str, Any]]:
+def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str, Any]]:
     """Entries of `tracking.json` for what a session shows, without `since`; a parameter each.
 
-    Parameters that their interval does not tell from zero are left out where another one of the change is.
+    Parameters that their interval does not tell from zero are left out where another one of the change is. A
+    body is told by its mass in kg, as a point, and by its moments.
     """
-    entries = []
-    for one in named:
-        estimate, change = one.judged.estimate, one.change
-        width = scatter.width(estimate)
-        sure = np.abs(estimate.value) > width
+    structure, entries = reference.structure, []
+    for change in assessment.named:
+        value, error = change.spread_over(assessment.fit.values[change.key], assessment.fit.error(change))
         units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
-        for (effect, name), value, half, told in zip(
-            change.parameters, estimate.value, width, sure, strict=True
+        alike = assessment.found.alike.get(change.key, [])
+        same = [other for other in alike if other.kind == change.kind == BODY]
+        names = dict.fromkeys(name for other in alike if other not in same for name in other.effects)
+        rest = {
+            "equivalent": [name for name in names if name not in change.effects],
+            "anywhere": list(dict.fromkeys(structure.joints[other.joint] for other in same)),
+            "key": f"{change.effects[0] if change.kind == BODY else change.name}@{change.joint}",
+        }
+        sure = np.abs(value) > WIDTH * error
+        for (effect, name), x, half, is_sure in zip(
+            change.parameters, value, WIDTH * error, sure, strict=True
         ):
-            # A load is told by its mass, however well that is known.
-            if not told and sure.any() and name != "mass":
+            ends = [float(x - half), float(x + half)]
+            if change.kind == BODY and name == "mass":
+                mass, low, high = weigh_change(assessment, reference, change)
+                x, ends, is_sure = mass, [low, high], True
+            if effect.is_thermal or (not is_sure and sure.any()):
                 continue
             parameter = next(p for p in effect.coefficients if p.name == name)
             entries.append(
@@ -269,10 +274,22 @@ def list_entries(named: Sequence[Named], structure: Structure, scatter: Scatter)
                     "joint": structure.joints[change.joint],
                     "effect": effect.name,
                     "parameter": name,
-                    "change": float(value),
-                    "ci95": [float(value - half), float(value + half)],
+                    "change": float(x),
+                    "ci95": ends,
                     "unit": parameter.unit_at(*units),
-                    "equivalent": list(one.equivalent),
+                    **rest,
                 }
             )
     return entries
+
+
+def weigh_change(assessment: Assessment, reference: Reference, change: Change) -> tuple[float, float, float]:
+    """Mass [kg] of a body on a link and its 95 % interval, from a fit with its inertia."""
+    evidence = assessment.evidence
+    whole = max(
+        (c for c in evidence.changes if c.kind == BODY and c.joint == change.joint), key=lambda c: c.count
+    )
+    fit = evidence.fit([whole if c is change else c for c in assessment.named])
+    return weigh_point(
+        fit.values[whole.key], fit.covariances[whole.key], reference.payload_prior, reference.reach
+    )[:3]

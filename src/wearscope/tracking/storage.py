@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,37 +16,25 @@ from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.files import write_whole
 from wearscope.robots.model import make_model
-from wearscope.tracking.changes import Change, list_measured
-from wearscope.tracking.inference import Belief, Estimate
 from wearscope.tracking.reference import Reference
-from wearscope.tracking.scatter import Scatter
 from wearscope.tracking.session_runs import Frame
-from wearscope.tracking.structure import Scales, Structure
+from wearscope.tracking.structure import Belief, Scales, Structure
 
 _FRAME = ("moving", "top_speed", "reach")
-_ESTIMATE = ("value", "noise", "shares", "prior")
+_STRUCTURE = ("theta", "temperature", "warmth")
+_REFERENCE = ("payload_prior", "scatter", "usual", "tails", "centres")
 
 
-def save_reference(path: str | Path, reference: Reference) -> None:
-    """Write a reference whole or not at all; equal references give equal bytes."""
-    structure, scatter = reference.structure, reference.scatter
+def save_reference(path: str | Path, reference: Reference, healthy: Sequence[Mapping[str, Any]] = ()) -> None:
+    """Write a reference with the records of its sessions whole or not at all; equal ones give equal bytes."""
+    structure = reference.structure
     frame = structure.frame
     arrays: dict[str, np.ndarray] = {name: getattr(frame, name) for name in _FRAME}
     arrays |= {"reversal_width": frame.reversals.width, "reversal_form": frame.reversals.form}
     arrays |= {f"scales_{name}": value for name, value in asdict(structure.scales).items()}
-    arrays |= {
-        "theta": structure.theta,
-        "temperature": structure.temperature,
-        "warmth": structure.warmth,
-        "mean": reference.belief.mean,
-        "covariance": reference.belief.covariance,
-        "payload_prior": reference.payload_prior,
-    }
-    held_out: dict[str, dict[str, Any]] = {}
-    for k, (session, estimates) in enumerate(reference.held_out.items()):
-        held_out[session] = {key: [e.gain, e.torque] for key, e in estimates.items()}
-        for key, estimate in estimates.items():
-            arrays |= {f"{k}/{key}/{name}": getattr(estimate, name) for name in _ESTIMATE}
+    arrays |= {name: getattr(structure, name) for name in _STRUCTURE}
+    arrays |= {name: getattr(reference, name) for name in _REFERENCE}
+    arrays |= {"mean": reference.belief.mean, "covariance": reference.belief.covariance}
     words = {
         "sessions": reference.sessions,
         "joints": structure.joints,
@@ -55,9 +43,10 @@ def save_reference(path: str | Path, reference: Reference) -> None:
         "urdf": frame.urdf,
         "band": asdict(frame.band),
         "inertial": structure.inertial,
+        "reach": reference.reach,
         "entries": [[e.effect.label, e.joint, e.shape, e.subset] for e in structure.entries],
-        "scatter": {**asdict(scatter), "inflation": dict(sorted(scatter.inflation.items()))},
-        "held_out": held_out,
+        "scattering": reference.scattering,
+        "healthy": list(healthy),
         "robot": {"fields": reference.robot.to_mapping(), "urdf": reference.robot.urdf_text},
     }
     arrays["words"] = np.array(json.dumps(words))
@@ -70,8 +59,10 @@ def save_reference(path: str | Path, reference: Reference) -> None:
     write_whole(path, write)
 
 
-def load_reference(path: str | Path, own: Collection[str] = (), allow_code: bool = False) -> Reference:
-    """Read what `save_reference` wrote.
+def load_reference(
+    path: str | Path, own: Collection[str] = (), allow_code: bool = False
+) -> tuple[Reference, list[dict[str, Any]]]:
+    """Read what `save_reference` wrote: the reference, and the records of its sessions.
 
     Parameters
     ----------
@@ -99,7 +90,7 @@ def load_reference(path: str | Path, own: Collection[str] = (), allow_code: bool
 
 def _restore(
     arrays: dict[str, np.ndarray], words: dict[str, Any], own: set[str], allow_code: bool
-) -> Reference:
+) -> tuple[Reference, list[dict[str, Any]]]:
     n = len(words["joints"])
     entries = tuple(
         ModelTerm(
@@ -117,30 +108,17 @@ def _restore(
         tuple(words["torque_unit"]),
         frame,
         entries,
-        arrays["theta"],
-        bool(words["inertial"]),
-        arrays["temperature"],
-        arrays["warmth"],
-        Scales(*(arrays[f"scales_{name}"] for name in names)),
+        inertial=bool(words["inertial"]),
+        scales=Scales(*(arrays[f"scales_{name}"] for name in names)),
+        **{name: arrays[name] for name in _STRUCTURE},
     )
-    changes = {change.key: change for change in list_measured(structure)}
-    held_out = {
-        session: {key: _restore_estimate(arrays, k, changes[key], *sizes) for key, sizes in kept.items()}
-        for k, (session, kept) in enumerate(words["held_out"].items())
-    }
-    return Reference(
+    reference = Reference(
         tuple(words["sessions"]),
         structure,
         Belief(arrays["mean"], arrays["covariance"]),
-        arrays["payload_prior"],
-        Scatter(**words["scatter"]),
-        held_out,
-        make_model(words["robot"]["fields"], words["robot"]["urdf"], "reference", strict=False),
+        reach=float(words["reach"]),
+        scattering=words["scattering"],
+        robot=make_model(words["robot"]["fields"], words["robot"]["urdf"], "reference", strict=False),
+        **{name: arrays[name] for name in _REFERENCE},
     )
-
-
-def _restore_estimate(
-    arrays: dict[str, np.ndarray], k: int, change: Change, gain: float, torque: float
-) -> Estimate:
-    value, noise, shares, prior = (arrays[f"{k}/{change.key}/{name}"] for name in _ESTIMATE)
-    return Estimate(change, value, noise, shares, prior, gain, torque)
+    return reference, words["healthy"]

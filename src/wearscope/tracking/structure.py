@@ -40,6 +40,20 @@ class Scales:
 
 
 @dataclass(frozen=True, eq=False)
+class Belief:
+    """What the reference's runs say of the structure's columns.
+
+    Attributes
+    ----------
+    mean : ndarray (P,)
+    covariance : ndarray (P, P)
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Structure:
     """Terms of the healthy machine, their shapes held.
 

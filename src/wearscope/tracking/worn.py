@@ -7,7 +7,7 @@ searched over a grid, each width as likely as its fit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,10 @@ import numpy as np
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Effect
 from wearscope.effects.vocabulary import worn_effect
-from wearscope.tracking.changes import Change
-from wearscope.tracking.decision import Named, excludes
-from wearscope.tracking.inference import Estimate, estimate_change, make_sample
+from wearscope.tracking.changes import FRICTION, Change
+from wearscope.tracking.evidence import Evidence
 from wearscope.tracking.reference import Reference
-from wearscope.tracking.rows import RunRows, stack_rows
-from wearscope.tracking.scatter import Scatter
+from wearscope.tracking.rows import RunRows
 
 #: Widths of the bump that are tried, as shares of the joint's top speed.
 WIDTHS = np.geomspace(0.01, 1.0, 16)
@@ -51,7 +49,7 @@ class Worn:
     intervals: Mapping[str, tuple[float, float]]
 
 
-def identify_wear(reference: Reference, rows: Sequence[RunRows], named: Sequence[Named]) -> list[Worn]:
+def identify_wear(reference: Reference, rows: Sequence[RunRows], named: Sequence[Change]) -> list[Worn]:
     """Wear at each joint whose friction grew in a session.
 
     Parameters
@@ -59,92 +57,62 @@ def identify_wear(reference: Reference, rows: Sequence[RunRows], named: Sequence
     reference : Reference
     rows : sequence of RunRows
         Of the session's runs.
-    named : sequence of Named
+    named : sequence of Change
         What changed in it.
     """
-    found = []
-    for one in named:
-        if not one.change.friction:
-            continue
-        given = [other.change for other in named if not excludes(other.change, one.change)]
-        worn = fit_wear(reference, rows, one.change, given)
-        if worn is not None:
-            found.append(worn)
-    return found
+    worn = [
+        fit_wear(reference, rows, change.joint, [other for other in named if other is not change])
+        for change in named
+        if change.kind == FRICTION
+    ]
+    return [one for one in worn if one is not None]
 
 
 def fit_wear(
-    reference: Reference, rows: Sequence[RunRows], change: Change, given: Sequence[Change]
+    reference: Reference, rows: Sequence[RunRows], joint: int, given: Sequence[Change]
 ) -> Worn | None:
-    """Wear of the joint of a change of friction; None where friction fell or the session does not show it."""
-    structure, effect, joint = reference.structure, worn_effect(), change.joint
+    """Wear of a joint whose friction changed; None where it fell or the session does not show it."""
+    structure, effect = reference.structure, worn_effect()
     widths = WIDTHS * float(structure.frame.top_speed[joint])
     rest = tuple(effect.pack({})[1][1:].tolist())
     every = tuple(range(len(effect.coefficients)))
     tried = [
-        replace(
-            change,
-            name=f"{effect.name}{k}",
-            terms=(ModelTerm(effect, joint, (w, *rest), every),),
-            asked=False,
-        )
+        Change(f"{effect.name}{k}", joint, (ModelTerm(effect, joint, (w, *rest), every),), FRICTION)
         for k, w in enumerate(widths.tolist())
     ]
-    changes = [*given, *tried]
-    sample = make_sample(
-        stack_rows(structure, changes, rows), changes, reference.belief, reference.payload_prior
+    evidence = Evidence(
+        structure, [*given, *tried], reference.belief, reference.payload_prior, rows, reference.scatter
     )
-    fits = [estimate_change(sample, one, given) for one in tried]
-    known = [(w, replace(fit, change=replace(fit.change, name=effect.name)))
-             for w, fit in zip(widths.tolist(), fits, strict=True) if fit is not None]  # fmt: skip
-    if not known:
+    fits = [evidence.fit([*given, change]) for change in tried]
+    misfit = [fit.strain + 0.5 * float(evidence.count @ (fit.fitted / evidence.variance)) for fit in fits]
+    best = int(np.argmin(misfit))
+    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
+    z, value = evidence.z[:, joint, evidence.at[tried[best].key]], fits[best].values[tried[best].key]
+    if float(np.sqrt((z**2).sum(axis=0)) @ value) <= 0.0:
         return None
-    width, best = max(known, key=lambda pair: pair[1].gain)
-    if grows(best) <= 0.0:
-        return None
-    level = WHOLE * best.torque
-    drawn = draw_wear(known, reference.scatter, np.random.default_rng(np.random.SeedSequence(_SEED))) / level
+    share = (
+        np.sqrt(float(((z @ value) ** 2).sum()) / evidence.count[joint]) / structure.scales.friction[joint]
+    )
+    level = WHOLE * float(share)
+    draws = np.random.default_rng(np.random.SeedSequence(_SEED))
+    likely = np.exp(min(misfit) - np.array(misfit))
+    picks = draws.choice(len(tried), _DRAWS, p=likely / likely.sum())
+    step = float(np.log(WIDTHS[1] / WIDTHS[0]))
+    drawn = np.empty((_DRAWS, len(every) + 1))
+    for k, change in enumerate(tried):
+        own = np.flatnonzero(picks == k)
+        noise = draws.multivariate_normal(np.zeros(len(every)), fits[k].covariances[change.key], len(own))
+        drawn[own, :-1] = fits[k].values[change.key] + noise
+        drawn[own, -1] = widths[k] * np.exp(step * draws.uniform(-0.5, 0.5, len(own)))
     names = [*(p.name for p in effect.coefficients), effect.shape[0].name]
-    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
-    values = dict(zip(names, (np.append(best.value, width) / level).tolist(), strict=True))
-    values |= {p.name: value for p, value in zip(effect.shape[1:], rest, strict=True)}
+    low, high = np.quantile(drawn / level, [0.025, 0.975], axis=0)
+    values = dict(zip(names, (np.append(value, widths[best]) / level).tolist(), strict=True))
+    values |= {p.name: x for p, x in zip(effect.shape[1:], rest, strict=True)}
     intervals = {
         name: (min(a, values[name]), max(b, values[name]))
         for name, a, b in zip(names, low.tolist(), high.tolist(), strict=True)
     }
     return Worn(joint, level, values, intervals)
-
-
-def grows(estimate: Estimate) -> float:
-    """Sign of the power that a change of friction takes along the motion."""
-    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
-    return float(np.sqrt(np.maximum(np.diag(estimate.shares), 0.0)) @ estimate.value)
-
-
-def draw_wear(
-    known: Sequence[tuple[float, Estimate]], scatter: Scatter, rng: np.random.Generator
-) -> np.ndarray:
-    """Torques and width (`_DRAWS`, m + 1) that the session allows.
-
-    Parameters
-    ----------
-    known : sequence of (float, Estimate)
-        Width and fit; widths in geometric steps.
-    scatter : Scatter
-    rng : Generator
-    """
-    gains = np.array([fit.gain for _, fit in known])
-    likely = np.exp(0.5 * (gains - gains.max()))
-    picks = rng.choice(len(known), _DRAWS, p=likely / likely.sum())
-    step = float(np.log(WIDTHS[1] / WIDTHS[0]))
-    tails = np.sqrt(scatter.dof / rng.chisquare(scatter.dof, _DRAWS))
-    found = np.empty((_DRAWS, len(known[0][1].value) + 1))
-    for k, (width, fit) in enumerate(known):
-        own = np.flatnonzero(picks == k)
-        noise = rng.multivariate_normal(np.zeros(len(fit.value)), scatter.covariance(fit), len(own))
-        found[own, :-1] = fit.value + tails[own, None] * noise
-        found[own, -1] = width * np.exp(step * rng.uniform(-0.5, 0.5, len(own)))
-    return found
 
 
 def record_worn(worn: Sequence[Worn], reference: Reference) -> list[dict[str, Any]]:

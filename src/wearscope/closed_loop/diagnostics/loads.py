@@ -56,7 +56,8 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"the load differs between runs: loads by run explain {100 * share:.0f} % of what is left"
-    mass, error = loads[..., 0].mean(axis=1) / size[0], np.ptp(loads[..., 0], axis=1) / size[0]
+    unit = max(size[0], 1e-300)  # zero where the motion of one joint does not show a mass by itself
+    mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         each = ", ".join(f"{file} {m:+.2g} kg" for file, m in zip(files, mass, strict=True))
         told += f" (mass against the model's: {each})"

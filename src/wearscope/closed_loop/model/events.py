@@ -24,6 +24,8 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Robust standard deviations at an event's ends; longest event and longest gap within one [s]; share of the
 #: rows from which it is no event but structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
+#: The same share where healthy runs say what is noise; own spread over theirs from which the own one counts.
+_MOST_OF_SESSION, _WIDER = 0.4, 2.0
 _LOUD = 0.1  # share of a stretch's largest size above which it is loud
 _LASTS = 0.25  # share of its largest torque down to which an event lasts: the filter's ringing is less
 #: Share of a joint's largest speed below which what is left may be a reversal's form, and how far the filters
@@ -38,7 +40,7 @@ _SMALL = 0.01
 #: Fewest runs of the same motion whose median a push in one of them does not move.
 _ALIKE = 3
 #: Passes of a robust fit.
-_PASSES = 5
+FITS = 5
 #: Speeds over which friction falls, over the largest one; places of a joint between which a torque is linear.
 _FALLS, _PLACES = (0.05, 0.3), 8
 #: Events within a time without any are fewer than this, with 95 % confidence (Hanley and Lippman-Hand 1983).
@@ -52,6 +54,7 @@ def find_events(
     moving: np.ndarray,
     top_speed: np.ndarray,
     change: Sequence[np.ndarray] | None = None,
+    healthy: np.ndarray | None = None,
 ) -> list[Event]:
     """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
 
@@ -68,6 +71,8 @@ def find_events(
     top_speed : ndarray (n,)
     change : sequence of ndarray (M, n), optional
         What the named effects add to the declared model.
+    healthy : ndarray (n, k), optional
+        Of `measure_tails`, of runs without events. Many pushes hide in the tail that they make themselves.
 
     Returns
     -------
@@ -81,7 +86,8 @@ def find_events(
         near = [_is_near_reversal(run, j, top_speed[j]) for run in runs]
         classes = [[k & ~n, k & n] for k, n in zip(kept, near, strict=True)]
         own = [x[:, j] for x in left]
-        sizes = _measure_sizes(own, kept, classes)
+        usual = None if healthy is None else healthy[j]
+        sizes = _measure_sizes(own, kept, classes, usual)[0]
         parts = [_find_stretches(run, size, j, top_speed[j]) for run, size in zip(runs, sizes, strict=True)]
         torque = np.concatenate([run.measured[k, j] for run, k in zip(runs, kept, strict=True)])
         least = _SMALL * float(np.sqrt(np.mean(torque**2))) if len(torque) else 0.0
@@ -91,8 +97,8 @@ def find_events(
                 for run, x, added, some in zip(runs, own, change, parts, strict=True)
             ]
         parts = [[p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)]
-        found, outside = _stand_out(sizes, parts, classes)
-        if outside < (1.0 - _MOST) * len(torque):
+        found, outside = _stand_out(sizes, parts, classes, np.full(2, np.inf) if usual is None else usual[:2])
+        if outside < (1.0 - (_MOST if usual is None else _MOST_OF_SESSION)) * len(torque):
             continue
         for run, x, some in zip(runs, own, _leave_places(runs, sizes, found, j), strict=True):
             for p in some:
@@ -119,17 +125,49 @@ def _is_near_reversal(run: PreparedRun, joint: int, top: float) -> np.ndarray:
     return np.asarray(felt[rows(run.band, len(slow))])
 
 
+def measure_tails(
+    runs: Sequence[PreparedRun], left: Sequence[np.ndarray], moving: np.ndarray, top_speed: np.ndarray
+) -> np.ndarray:
+    """Noise and tail of each joint (n, k) in runs without events, for `find_events`.
+
+    Not finite where it rests. By joint: the largest size over its spread in rows away from reversals and
+    near them, and the spreads.
+    """
+    found = np.full((len(moving), 4 + len(_WIDTHS)), np.inf)
+    for j in np.flatnonzero(moving).tolist():
+        kept = [run.keep[:, j] for run in runs]
+        near = [_is_near_reversal(run, j, top_speed[j]) for run in runs]
+        classes = [[k & ~n, k & n] for k, n in zip(kept, near, strict=True)]
+        sizes, found[j, 2:] = _measure_sizes([x[:, j] for x in left], kept, classes)
+        for c in range(2):
+            own = np.concatenate([size[one[c]] for size, one in zip(sizes, classes, strict=True)])
+            found[j, c] = _find_limit(own) if len(own) else np.inf
+    return found
+
+
 def _measure_sizes(
-    left: Sequence[np.ndarray], kept: Sequence[np.ndarray], classes: Sequence[Sequence[np.ndarray]]
-) -> list[np.ndarray]:
+    left: Sequence[np.ndarray],
+    kept: Sequence[np.ndarray],
+    classes: Sequence[Sequence[np.ndarray]],
+    healthy: np.ndarray | None = None,
+) -> tuple[list[np.ndarray], np.ndarray]:
     """What is left of each run (M,) over its robust spread in rows of the same class, over the best width.
 
-    A torque that lasts for several rows stands out of their mean further than of each of them.
+    A torque that lasts for several rows stands out of their mean further than of each of them. Spreads come
+    second: of either class, then of each width; those of healthy runs where the own ones are not far wider.
     """
+    spreads: list[float] = []
+
+    def spread_of(parts: Sequence[np.ndarray]) -> float:
+        own = _find_spread(np.concatenate(parts))
+        if healthy is not None and own < _WIDER * (usual := float(healthy[2 + len(spreads)])):
+            own = min(own, usual)
+        spreads.append(own)
+        return own
+
     relative = [np.zeros(len(x)) for x in left]
     for c in range(2):
-        every = np.concatenate([x[own[c]] for x, own in zip(left, classes, strict=True)])
-        spread = _find_spread(every)
+        spread = spread_of([x[own[c]] for x, own in zip(left, classes, strict=True)])
         for z, x, own in zip(relative, left, classes, strict=True):
             z[own[c]] = x[own[c]] / spread
     best = [np.abs(z) for z in relative]
@@ -139,9 +177,9 @@ def _measure_sizes(
             np.where(k, np.convolve(z, box, "same")[: len(z)], 0.0)
             for z, k in zip(relative, kept, strict=True)
         ]
-        spread = _find_spread(np.concatenate([x[k] for x, k in zip(means, kept, strict=True)]))
+        spread = spread_of([x[k] for x, k in zip(means, kept, strict=True)])
         best = [np.maximum(size, np.abs(x) / spread) for size, x in zip(best, means, strict=True)]
-    return best
+    return best, np.array(spreads)
 
 
 def _find_spread(x: np.ndarray) -> float:
@@ -154,12 +192,16 @@ def _stand_out(
     sizes: Sequence[np.ndarray],
     parts: Sequence[Sequence[slice]],
     classes: Sequence[Sequence[np.ndarray]],
+    limits: np.ndarray,
 ) -> tuple[list[list[slice]], int]:
-    """Stretches that stand out of the tail of their class's rows, and how many rows are not loud in any."""
-    limits = np.full(2, np.inf)
+    """Stretches that stand out of the tail of their class's rows, and how many rows are not loud in any.
+
+    No limit is above those (2,) that are given.
+    """
+    limits = limits.copy()
     calm = [[c.copy() for c in own] for own in classes]
     found: list[list[slice]] = []
-    for _ in range(_PASSES):
+    for _ in range(FITS):
         # Events stand in the tail that they are judged by, so that the next pass is without them.
         for c in range(2):
             rest = np.concatenate([size[own[c]] for size, own in zip(sizes, calm, strict=True)])
@@ -290,7 +332,7 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
             continue
         weight = counts.astype(float)
         theta = np.zeros(x.shape[1])
-        for _ in range(_PASSES):
+        for _ in range(FITS):
             theta = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=1e-8)[0]
             miss = np.abs(y - x @ theta)
             scale = max(1.4826 * float(np.median(miss[counts])), 1e-300)

@@ -1,0 +1,324 @@
+"""What the rows of a session say: fits of sets of changes, and the score that compares two sets.
+
+The torque that a session leaves of the reference's prediction is y = Z d + C b + e: the changes d, random
+effects b and autocorrelated noise e. Random effects are the error of the reference's parameters, temperatures
+that nobody recorded, and what healthy sessions scatter (`wearscope.tracking.scatter`). They are part of every
+fit, and what they have to explain is charged to it. Sets a and b are compared in nats by
+
+    ln BF = sum_j nu_j / 2 ln((L_j(a) + f_j) / (L_j(b) + f_j)) - (cost(b) - cost(a))
+
+L_j is the mean square that is left at joint j of held-out fifths of the session, f_j what no model's form
+follows, nu_j the rows over the design effect of the direction in which the sets differ, coarsened (Miller and
+Dunson 2019, JASA 114). The cost is ln(nu) / 2 a coefficient, the number of alternatives (Chen and Chen 2008,
+Biometrika 95), the odds of each change, and the strain of the random effects.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from wearscope.closed_loop.model.events import FITS
+from wearscope.tracking.changes import BODY, Change
+from wearscope.tracking.rows import RunRows, reduce_columns, scatter_columns
+from wearscope.tracking.structure import Belief, Structure
+
+#: Rows beyond which more say nothing of a form that is not exact; share of a session's change, mean square,
+#: that no form follows; parts that are held out.
+_MOST_ROWS, _FORM, _FOLDS = 250.0, 1e-4, 5
+#: False-alarm rate of a session, over all joints and changes.
+FALSE_ALARM_RATE = 0.01
+#: Nats that tell one explanation from another: 20 to 1.
+SURE = 3.0
+#: Degrees of freedom of the healthy parameters' error, and of the scatter of healthy sessions.
+_DOF, _SCATTER_DOF = 50.0, 6.0
+#: Usual RMS torque of a change as a share of the joint's friction, and of its torque for any other one.
+_USUAL_FRICTION, _USUAL_TORQUE = 1.0, 0.5
+#: Errors of the reference below this share of the noise of all rows together are left out.
+_KNOWN = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of changes fitted to a session.
+
+    Attributes
+    ----------
+    changes : tuple of Change
+    values, covariances : dict of str to ndarray
+        Weights (m,) of each change and their covariance (m, m), by key.
+    left : ndarray (R, n)
+        Torque that is left.
+    held, fitted : ndarray (n,)
+        Mean square left of rows held out, and of all.
+    dof : float
+        Weights that the rows determine.
+    strain : float
+        Of random effects and of changes beyond their usual size, in nats.
+    """
+
+    changes: tuple[Change, ...]
+    values: dict[str, np.ndarray]
+    covariances: dict[str, np.ndarray]
+    left: np.ndarray
+    held: np.ndarray
+    fitted: np.ndarray
+    dof: float
+    strain: float
+
+    def error(self, change: Change) -> np.ndarray:
+        """Standard error (m,) of a change's weights."""
+        return np.sqrt(np.maximum(np.diag(self.covariances[change.key]), 0.0))
+
+    def p_value(self, change: Change) -> float:
+        """p-value of no change (Wald)."""
+        value, covariance = self.values[change.key], self.covariances[change.key]
+        wald = value @ np.linalg.pinv(covariance, rcond=1e-10, hermitian=True) @ value
+        return float(stats.f.sf(wald / len(value), len(value), _DOF))
+
+
+class Evidence:
+    """Rows of a session with the columns of all changes and random effects; fits of sets, each made once.
+
+    Parameters
+    ----------
+    structure : Structure
+    changes : sequence of Change
+    belief : Belief
+    payload_prior : ndarray (10,)
+        Prior precision of a body's parameters.
+    made : sequence of RunRows
+    scatter : ndarray (k,), optional
+        Standard deviation of each of `scatter_columns`; None leaves them out.
+    of_temperature : bool
+        Whether what is not known of temperatures is a random effect.
+    level : float
+        Probability a priori that the session shows any change.
+    """
+
+    def __init__(
+        self, structure: Structure, changes: Sequence[Change], belief: Belief, payload_prior: np.ndarray,
+        made: Sequence[RunRows], scatter: np.ndarray | None = None, of_temperature: bool = True,
+        level: float = FALSE_ALARM_RATE,
+    ):  # fmt: skip
+        self.structure, self.changes = structure, tuple(changes)
+        #: Odds of any of the changes, in nats.
+        self.odds = float(np.log(max(len(self.changes), 1) / level))
+        keep = np.concatenate([r.weights > 0 for r in made]).astype(float)
+        self.keep = keep
+        self.y = np.concatenate([r.target - r.columns @ belief.mean for r in made]) * keep
+        self.at, count = {}, 0
+        for change in changes:
+            self.at[change.key] = np.arange(count, count + change.count)
+            count += change.count
+        columns = [np.zeros((*r.signals.q.shape, 0)) for r in made]
+        for change in changes:
+            columns = [np.append(x, change.columns(r.signals), 2) for x, r in zip(columns, made, strict=True)]
+        reduced = [reduce_columns(r.run, x) for r, x in zip(made, columns, strict=True)]
+        self.z = np.concatenate(reduced) * keep[:, :, None]
+        covariance = belief.covariance
+        if not of_temperature and structure.of_temperature.any():
+            covariance = condition(covariance, structure.of_temperature)
+        unsure = np.concatenate([r.columns @ _root(covariance) for r in made]) * keep[:, :, None]
+        flat = (unsure / structure.scales.noise[:, None]).reshape(-1, unsure.shape[2])
+        size, vector = np.linalg.eigh(flat.T @ flat)
+        parts = [unsure @ vector[:, size > _KNOWN]]
+        if of_temperature:
+            parts.append(np.concatenate([r.unrecorded for r in made]) * keep[:, :, None])
+        if scatter is not None:
+            found = np.concatenate([scatter_columns(structure, r) for r in made])
+            parts.append(found * scatter * keep[:, :, None])
+        self.random = np.concatenate(parts, axis=2)
+        self._known = parts[0].shape[2]
+        starts, runs, first = [], [], 0
+        for k, r in enumerate(made):
+            starts.append(first + r.starts)
+            runs += [k] * len(r.starts)
+            first += len(r.target)
+        self.starts, self._run = np.concatenate(starts), np.array(runs)
+        block = np.searchsorted(self.starts, np.arange(first), side="right") - 1
+        self._fold = block * _FOLDS // len(self.starts)
+        self.count = np.maximum(keep.sum(axis=0), 1.0)
+        self._penalty = np.concatenate(
+            [*(self._usual(change, payload_prior) for change in changes), np.ones(self.random.shape[2])]
+        )
+        self.weigh(structure.scales.noise**2)
+
+    def _usual(self, change: Change, payload_prior: np.ndarray) -> np.ndarray:
+        """Prior precision of a change's weights."""
+        if change.kind == BODY:
+            return payload_prior[list(change.terms[0].subset)]
+        scales, friction = self.structure.scales, any(t.effect.is_friction for t in change.terms)
+        size = _USUAL_FRICTION * scales.friction if friction else _USUAL_TORQUE * scales.torque
+        square = ((self.z[:, :, self.at[change.key]] / size[:, None]) ** 2).sum(axis=0)
+        return np.asarray((square / self.count[:, None]).max(axis=0))
+
+    def weigh(self, variance: np.ndarray) -> None:
+        """Take `variance` (n,) as that of what is left, as it counts for the sum of a block."""
+        self.variance, self.form = variance, np.zeros(self.structure.n)
+        self._made: dict[tuple[str, ...], Fit] = {}
+        x = np.concatenate([self.z, self.random], axis=2)
+        weighted = x / variance[:, None]
+        masks = [self._fold == f for f in range(_FOLDS)]
+        self._gram = np.array([np.einsum("rjp,rjq->pq", weighted[m], x[m], optimize=True) for m in masks])
+        self._score = np.array([np.einsum("rjp,rj->p", weighted[m], self.y[m]) for m in masks])
+        self.form = _FORM * self.fit(()).held
+
+    def fit(self, changes: Sequence[Change]) -> Fit:
+        """Fit of a set of changes with all random effects."""
+        own = tuple(sorted(changes, key=lambda c: c.key))
+        name = tuple(c.key for c in own)
+        if name not in self._made:
+            self._made[name] = self._fit(own)
+        return self._made[name]
+
+    def _columns(self, changes: Sequence[Change]) -> np.ndarray:
+        """Places of the changes' columns, then of the random effects."""
+        own = [self.at[c.key] for c in changes]
+        return np.concatenate([*own, self.z.shape[2] + np.arange(self.random.shape[2])]).astype(int)
+
+    def _fit(self, changes: tuple[Change, ...]) -> Fit:
+        at = self._columns(changes)
+        k = len(at) - self.random.shape[2]
+        z = self.z[:, :, at[:k]]
+        gram, score = self._gram[:, at[:, None], at], self._score[:, at]
+        total, goal, penalty = gram.sum(axis=0), score.sum(axis=0), self._penalty[at]
+        held = np.empty_like(self.y)
+        for f in range(_FOLDS):
+            m = self._fold == f
+            theta = invert(total - gram[f] + np.diag(penalty)) @ (goal - score[f])
+            held[m] = self.y[m] - z[m] @ theta[:k] - self.random[m] @ theta[k:]
+        inverse = invert(total + np.diag(penalty))
+        theta = inverse @ goal
+        left = self.y - z @ theta[:k] - self.random @ theta[k:]
+        own = total[:k, :k]
+        dof = float(np.trace(invert(own + np.diag(penalty[:k])) @ own)) if k else 0.0
+        strain = self._strain(theta[k:]) + 0.5 * float(penalty[:k] @ theta[:k] ** 2)
+        places = np.split(np.arange(k), np.cumsum([c.count for c in changes])[:-1]) if changes else []
+        return Fit(
+            changes,
+            {c.key: theta[p] for c, p in zip(changes, places, strict=True)},
+            {c.key: inverse[np.ix_(p, p)] for c, p in zip(changes, places, strict=True)},
+            left,
+            (held**2 * self.keep).sum(axis=0) / self.count,
+            (left**2 * self.keep).sum(axis=0) / self.count,
+            dof,
+            strain,
+        )
+
+    def _strain(self, theta: np.ndarray) -> float:
+        """Cost of the weights of the random effects, in nats; their tails are those of Student's t."""
+        sure, far = theta[: self._known], theta[self._known :]
+        total = _DOF * np.log1p(sure @ sure / _DOF) + _SCATTER_DOF * np.log1p(far**2 / _SCATTER_DOF).sum()
+        return 0.5 * float(total)
+
+    def rank(self, base: Sequence[Change], able: Sequence[Change]) -> list[Change]:
+        """Changes by what each adds to a set, the most first, by the products of all rows alone."""
+        at = self._columns(base)
+        total, goal = self._gram.sum(axis=0), self._score.sum(axis=0)
+        inverse = invert(total[np.ix_(at, at)] + np.diag(self._penalty[at]))
+        gains = []
+        for change in able:
+            own = self.at[change.key]
+            cross = total[np.ix_(at, own)]
+            rest = total[np.ix_(own, own)] + np.diag(self._penalty[own]) - cross.T @ inverse @ cross
+            score = goal[own] - cross.T @ (inverse @ goal[at])
+            gains.append(0.5 * float(score @ invert(rest) @ score) - 2.0 * len(own) - change.odds)
+        return [able[k] for k in np.argsort(gains)[::-1]]
+
+    def compare(self, a: Fit, b: Fit) -> float:
+        """Logarithm of the odds of set b over set a."""
+        total, rows = 0.0, [2.0]
+        for j in self.structure.moving:
+            direction = a.left[:, j] - b.left[:, j]
+            if float(direction @ direction) > 1e-18:
+                better = a if a.fitted[j] < b.fitted[j] else b
+                rows.append(self.rows(direction * better.left[:, j], j))
+                total += 0.5 * rows[-1] * np.log((a.held[j] + self.form[j]) / (b.held[j] + self.form[j]))
+        return total - self.cost(b, max(rows)) + self.cost(a, max(rows))
+
+    def rows(self, score: np.ndarray, joint: int) -> float:
+        """Independent rows that scores (R,) of a direction at a joint are worth, coarsened."""
+        return float(1.0 / (self.design(score) / self.count[joint] + 1.0 / _MOST_ROWS))
+
+    def cost(self, fit: Fit, rows: float) -> float:
+        """Cost of a set in nats; bodies on two links at once are rarer than on one."""
+        more = max(sum(change.kind == BODY for change in fit.changes) - 1, 0)
+        odds = sum(self.odds + change.odds for change in fit.changes)
+        return 0.5 * fit.dof * np.log(rows) + fit.strain + odds + SURE * more
+
+    def design(self, score: np.ndarray) -> float:
+        """Design effect of scores (R,): variance of their sums over 1 to 8 blocks over that of free rows."""
+        base, worst, sums = float(score @ score), 1.0, np.add.reduceat(score, self.starts)
+        for merge in (1, 2, 4, 8):
+            new = (np.diff(self._run) != 0) | (np.arange(1, len(self._run)) % merge == 0)
+            part = np.bincount(np.cumsum(np.concatenate([[0], new])), sums)
+            part = part[np.abs(part) > 0]
+            if base > 0 and len(part) >= (4 if merge == 1 else 8):
+                worst = max(worst, float(part @ part) / base * len(part) / (len(part) - 1.0))
+        return worst
+
+    def torque(self, fit: Fit, change: Change) -> np.ndarray:
+        """Torque (R, n) of a fitted change."""
+        return np.asarray(self.z[:, :, self.at[change.key]] @ fit.values[change.key])
+
+    def smallest(self, fit: Fit, change: Change, direction: np.ndarray) -> float:
+        """Multiple of a change's weights (m,) from which the session would show it next to what it shows."""
+        at, own, total = self._columns(()), self.at[change.key], self._gram.sum(axis=0)
+        inverse = invert(total[np.ix_(at, at)] + np.diag(self._penalty[at]))
+        onto = inverse @ (total[np.ix_(at, own)] @ direction)
+        shown = self.z[:, :, own] @ direction - self.random @ onto
+        square = (shown**2).sum(axis=0) / self.count
+        rows = {j: self.rows(shown[:, j] * fit.left[:, j], j) for j in self.structure.moving}
+        cost = self.odds + change.odds + 0.5 * change.count * np.log(max(rows.values()))
+
+        def gain(size: float) -> float:
+            left = [rows[j] * np.log1p(size**2 * square[j] / max(fit.held[j], 1e-300)) for j in rows]
+            return 0.5 * sum(left) + self._strain(size * onto)
+
+        low, high = 1e-9, 1e9
+        if gain(high) < cost:
+            return float("inf")
+        for _ in range(60):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if gain(middle) < cost else (low, middle)
+        return float(high)
+
+    def take_out(self) -> np.ndarray:
+        """What is left (R, n) of all changes at once, fitted so that few rows do not decide (Huber 1964)."""
+        x = np.concatenate([self.z, self.random], axis=2)
+        weight, theta = self.keep / self.variance, np.zeros(x.shape[2])
+        for _ in range(FITS):
+            weighted = x * weight[:, :, None]
+            gram = np.einsum("rjp,rjq->pq", weighted, x, optimize=True)
+            theta = invert(gram + np.diag(self._penalty)) @ np.einsum("rjp,rj->p", weighted, self.y)
+            miss = np.abs(self.y - x @ theta)
+            seen = np.where(self.keep > 0, miss, np.nan)
+            scale = 1.4826 * np.nan_to_num(np.nanmedian(seen, axis=0), nan=1.0)
+            weight = self.keep / self.variance * np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-300))
+        return np.asarray(self.y - x @ theta)
+
+
+def invert(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a positive semidefinite matrix, scaled; directions that it lacks are left out."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def condition(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Covariance (P, P) of normal variables given those that are `known` (P,) of bool; theirs is zero."""
+    left = covariance.copy()
+    cross = covariance[np.ix_(~known, known)]
+    given = np.linalg.pinv(covariance[np.ix_(known, known)], rcond=1e-10, hermitian=True)
+    left[np.ix_(~known, ~known)] -= cross @ given @ cross.T
+    left[known] = 0.0
+    left[:, known] = 0.0
+    return left
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    value, vector = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray(size[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
