@@ -1,10 +1,9 @@
 """`python -m wearscope`."""
 
-import os
 import sys
 
 # Python puts the working directory first, which may be a data set: nothing is imported from there.
-if sys.path[:1] in ([""], [os.getcwd()]):
+if not sys.flags.safe_path:
     del sys.path[0]
 
 from wearscope.cli.main import main

@@ -18,10 +18,14 @@ LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
 NUMBER = 1e30
 #: Heaviest payload or link [kg], longest distance in a payload [m].
 MASS, LENGTH = 1e6, 1e3
+#: Lowest rate of a recording [Hz], below which nothing of a motion is seen.
+SLOWEST = 1.0
 #: Largest gear ratio, inertia of a rotor at its joint [kg m^2], and torque of a joint [N m].
 GEAR_RATIO, INERTIA, TORQUE = 1e6, 1e6, 1e9
 #: The same by the name of the field.
 DRIVE = {"gear_ratio": GEAR_RATIO, "rotor_inertia": INERTIA, "torque_limit": TORQUE}
+#: Most samples of a planned motion, times its joints: two hours of a joint at 1 kHz.
+SAMPLES = 20_000_000
 #: Longest name of a robot, data set, link or joint, and of a column of a recording that is converted.
 NAME, COLUMN = 100, 300
 #: Largest header of a member of an archive [bytes], such as a long name.

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import chdir, contextmanager
+from contextlib import chdir, contextmanager, suppress
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
@@ -34,6 +34,17 @@ def isolate(environment: Mapping[str, str]) -> dict[str, str]:
         **({"PYTHONPATH": os.pathsep.join(paths)} if paths else {}),
         "PYTHONSAFEPATH": "1",
     }
+
+
+def open_standard() -> None:
+    """Open the standard streams that were closed: a file that is written would be taken for one of them."""
+    for handle in range(3):
+        try:
+            os.fstat(handle)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest handle that is free
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 class _Elsewhere(PathFinder):
@@ -108,8 +119,9 @@ _ended: list[int] = []
 @atexit.register
 def _leave() -> None:
     if _ended:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(AttributeError, OSError, ValueError):  # nobody listens, or none was opened
+                stream.flush()
         os._exit(_ended[-1])
 
 

@@ -6,7 +6,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import click
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -15,7 +17,7 @@ from snakemake.common.configfile import load_configfile
 from wearscope import example_dataset
 from wearscope.cli import stages
 from wearscope.cli.main import wearscope
-from wearscope.cli.study import list_code
+from wearscope.cli.study import StudyPlace, check_code_named, list_code
 from wearscope.cli.workflow import build_command, keep_settings, merge, read_setting
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
@@ -200,8 +202,30 @@ def test_a_check_says_which_code_of_a_study_runs_and_runs_none_that_nobody_named
     outcome = CliRunner().invoke(wearscope, ["check"])
     assert "names code that would run (own.py)" in str(outcome.exception)
     assert not (tmp_path / "ran").exists()
-    outcome = CliRunner().invoke(wearscope, ["check", "."])
+    assert "give --allow-code to let it run" in str(CliRunner().invoke(wearscope, ["check", "."]).exception)
+    assert not (tmp_path / "ran").exists()
+    outcome = CliRunner().invoke(wearscope, ["check", ".", "--allow-code"])
     assert outcome.output.index("config.yaml names runs: own.py.") < outcome.output.index("ran\n")
+
+
+def test_somebody_at_a_terminal_is_asked_once_for_each_content(tmp_path, monkeypatch):
+    (tmp_path / "own.py").write_text("x = 1\n")
+    place = StudyPlace(tmp_path, tmp_path / "config.yaml")
+    asked, answers = [], [False, True, True]
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(click, "confirm", lambda told, err: asked.append(told) or answers[len(asked) - 1])
+    settings = {"cycles": ["own.py"]}
+    with pytest.raises(InputError, match="its code may not run"):
+        check_code_named(place, settings)
+    for expected in (2, 2, 3, 3):
+        if expected == 3:
+            (tmp_path / "own.py").write_text("x = 2\n")
+        check_code_named(place, settings)
+        assert len(asked) == expected
+    assert "own.py. Have you read it" in asked[0]
+    check_code_named(place, {})
+    assert len(asked) == 3
 
 
 @pytest.mark.parametrize(

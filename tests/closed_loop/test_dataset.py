@@ -172,7 +172,7 @@ FIELDS = {
     "no_test": (lambda d: d["runs"][1].update(use="train"), ["no run has 'use: test'"]),
     "file_twice": (lambda d: d["runs"][1].update(file="runs/a.parquet"), ["runs/a.parquet more than once"]),
     "rate_text": (lambda d: d.update(sample_rate="fast"), ["'sample_rate'", "'fast'"]),
-    "rate_zero": (lambda d: d.update(sample_rate=0), ["'sample_rate'", "greater than 0"]),
+    "rate_zero": (lambda d: d.update(sample_rate=0), ["'sample_rate'", "greater than or equal to 1"]),
     "rate_nan": (lambda d: d.update(sample_rate=float("nan")), ["'sample_rate'"]),
     "rate_bool": (lambda d: d.update(sample_rate=True), ["'sample_rate' should be a number"]),
     "rate_wrong": (

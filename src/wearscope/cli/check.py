@@ -12,7 +12,7 @@ from wearscope.errors import InputError
 
 @click.command()
 @click.argument("things", nargs=-1, metavar="[THING]...")
-@click.option("--allow-code", is_flag=True, help="Let effect files that a model or data set names run.")
+@click.option("--allow-code", is_flag=True, help="Let code that a study, model or data set names run.")
 @click.option("--robot", "robots", multiple=True, help="Robot that a test-cycle is for; may be repeated.")
 def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) -> None:
     """Say everything that is wrong with each THING, in seconds and before anything is computed.
@@ -30,7 +30,7 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
     wrong = 0
     for thing in things or (None,):
         found = inspect(thing, allow_code, robots)
-        for note in found.notes:
+        for note in found.notes[: limits.PROBLEMS]:
             say(f"  {note}")
         count, told = len(found.problems), found.problems[: limits.PROBLEMS]
         for problem in told:
@@ -85,7 +85,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
 
     place = find_study(thing)
     settings = read_yaml(place.config)
-    check_code_named(place, settings)
+    check_code_named(place, settings, allow_code, computes=False)
     return check_study(settings, f"study {place.config}", place.folder)
 
 

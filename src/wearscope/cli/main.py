@@ -2,15 +2,16 @@
 
 import importlib
 import os
+import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from wearscope.cli.say import say
 from wearscope.errors import InputError
 from wearscope.files import FULL, explain_unwritten
-from wearscope.processes import end_process, ignore_settings_here, isolate
+from wearscope.processes import end_process, ignore_settings_here, isolate, open_standard
 
 # Arrow's own pool reserves a gigabyte, which hides how much reading a file takes (`processes.bound_memory`).
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
@@ -84,20 +85,41 @@ def wearscope() -> None:
 
 
 def main() -> None:
-    """Run the command; bad input ends it in one sentence."""
+    """Run the command; bad input, and a place that the system refuses, end it in one sentence."""
+    open_standard()
     os.environ.update(isolate(os.environ))
     ignore_settings_here()
     try:
+        _check_words()
         wearscope(prog_name="wearscope")
     except SystemExit as end:
         end_process(end.code if isinstance(end.code, int) else int(end.code is not None))
     except InputError as error:
-        say(error, err=True)
-        end_process(1)
+        _end(str(error))
     except KeyboardInterrupt:
         end_process(130)
+    except MemoryError:
+        _end("memory ran out; free some, raise its limit (ulimit -v), or give less at once.")
     except OSError as error:
-        if error.errno not in FULL:
+        place = error.filename2 or error.filename
+        if error.errno in FULL:
+            _end(str(explain_unwritten(place or os.getcwd(), error)))
+        elif place is None:
             raise
-        say(str(explain_unwritten(error.filename2 or error.filename or os.getcwd(), error)), err=True)
-        end_process(1)
+        _end(f"{place}: {error.strerror}; choose another place, or correct its rights.")
+
+
+def _check_words() -> None:
+    """Refuse a working directory that is gone, and paths that neither YAML nor JSON nor a page can name."""
+    try:
+        here = os.getcwd()
+    except FileNotFoundError:
+        raise InputError("the working directory is gone; change to another one.") from None
+    for word in (*sys.argv[1:], here):
+        if any("\ud800" <= one <= "\udfff" for one in word):
+            raise InputError(f"{word}: is not UTF-8; rename the file or folder.")
+
+
+def _end(sentence: str) -> NoReturn:
+    say(InputError(sentence), err=True)
+    end_process(1)

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 import yaml
 
+from wearscope import limits
 from wearscope.cli.new_robot import Numbers, name_after
 from wearscope.cli.say import say
 from wearscope.errors import InputError
@@ -165,7 +166,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             for problem in found.problems[:-1]:
                 say(f"  wrong: {problem}")
             raise InputError(_name_option(found.problems[-1]))
-    for note in found.notes:
+    for note in found.notes[: limits.PROBLEMS]:
         say(f"  {note.replace(str(made), str(target))}")
     say(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
 

@@ -1,17 +1,21 @@
 """Which study a command is about: a folder, a configuration file, or the name of one that comes along."""
 
+import hashlib
 import json
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import yaml
 
 from wearscope.cli.say import say
-from wearscope.errors import InputError, explain_yaml
-from wearscope.files import read_json, write_text
+from wearscope.errors import InputError, escape_text, explain_yaml
+from wearscope.files import digest_file, read_json, write_text
 from wearscope.home import find_home
 from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
@@ -126,22 +130,58 @@ def list_code(config: Mapping[str, Any]) -> list[str]:
     return sorted(code)
 
 
-def check_code_named(place: StudyPlace, config: Mapping[str, Any]) -> None:
-    """Say which code of a study runs; refuse it where the command does not name the study.
+def check_code_named(
+    place: StudyPlace, config: Mapping[str, Any], allowed: bool = False, computes: bool = True
+) -> None:
+    """Say which code of a study runs, and ask first where somebody is there to answer.
+
+    Parameters
+    ----------
+    place : StudyPlace
+    config : mapping
+        The study's settings.
+    allowed : bool
+        Whether the command allows it.
+    computes : bool
+        Whether the command is one that computes: without a terminal, naming the study is enough then.
 
     Raises
     ------
     InputError
+        Where the code may not run.
     """
     code = list_code(config)
-    if code and not place.named:
+    if not code:
+        return
+    told = f"{place.config}: names code that would run ({', '.join(code)}); read it, and "
+    if not place.named and not allowed:
         raise InputError(
-            f"{place.config}: names code that would run ({', '.join(code)}); read it, and name the study to "
-            "let it run: 'wearscope run .', or --study . where the command is about something else."
+            f"{told}name the study to let it run: 'wearscope run .', or --study . where the command is about "
+            "something else."
         )
-    if code:
-        told = InputError(f"Code that {place.config} names runs: {', '.join(code)}.")
-        say(told, err=True)
+    if not allowed and sys.stdin is not None and sys.stdin.isatty():
+        _ask(place, code)
+    elif not allowed and not computes:
+        raise InputError(f"{told}give --allow-code to let it run.")
+    say(InputError(f"Code that {place.config} names runs: {', '.join(code)}."), err=True)
+
+
+def _ask(place: StudyPlace, code: Sequence[str]) -> None:
+    """Ask whether a study's code may run, once for each content of it; the user's own home remembers that."""
+    files = [place.folder / one for one in code if one.endswith(".py")]
+    digests = [digest_file(file) if file.is_file() else "" for file in files]
+    asked = hashlib.sha256("\n".join([str(place.config), *code, *digests]).encode()).hexdigest()
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    known = Path(state) / "wearscope" / "allowed.txt"
+    if known.is_file() and asked in known.read_text(encoding="utf-8").split():
+        return
+    question = f"{place.config} names code: {', '.join(code)}. Have you read it, and may it run?"
+    if not click.confirm(escape_text(question), err=True):
+        raise InputError(f"{place.config}: its code may not run; take it out, or read it and allow it.")
+    with suppress(OSError):
+        known.parent.mkdir(parents=True, exist_ok=True)
+        with known.open("a", encoding="utf-8") as file:
+            print(asked, file=file)
 
 
 def read_yaml(path: Path) -> dict:

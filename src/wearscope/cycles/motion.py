@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
+from wearscope import limits
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
@@ -156,6 +157,11 @@ class MotionPlan:
         """Dwell once more and sample the whole motion; it ends at rest."""
         self.pause(max(self.dwell, 2.0 * self.step))
         starts = np.concatenate(([0.0], np.cumsum([duration for duration, _ in self._segments])))
+        if starts[-1] / self.step * self.n > limits.SAMPLES:
+            raise InputError(
+                f"robot '{self.model.name}': a motion within its limits takes {starts[-1]:.3g} s, too long "
+                f"to sample every {self.step:g} s; correct its speed and acceleration limits, or payload."
+            )
         count = int(np.ceil(starts[-1] / self.step - 1e-9)) + 1
         t = self.step * np.arange(count, dtype=np.float64)
         which = np.minimum(np.searchsorted(starts, t, side="right") - 1, len(self._segments) - 1)

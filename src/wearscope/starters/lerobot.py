@@ -94,7 +94,7 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
             raise ValueError("episode_index has holes")
     except MemoryError:
         raise
-    except (pa.ArrowException, OSError, ValueError, TypeError, AttributeError) as error:
+    except (pa.ArrowException, OSError, ValueError, TypeError, AttributeError, KeyError) as error:
         if isinstance(error, InputError) and not isinstance(error, DamagedFile):
             raise
         told = " ".join(str(error).split())[:200].rstrip(".")

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 from wearscope.extras import need
 from wearscope.files import check_plain
 from wearscope.plain_yaml import load_plain_yaml
@@ -54,11 +54,41 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
         raise InputError(f"{path}: no such file; correct the name.")
     with bound_memory(path):
         frame, told = _read(path, topic)
-    for name in frame.columns:
-        if len(str(name)) > limits.COLUMN:
-            told_so = f"has a column whose name has more than {limits.COLUMN} characters"
-            raise InputError(f"{path}: {told_so} ('{str(name)[:30]} ...'); rename it, or leave it out.")
-    return frame, told
+        return _settle(frame, path), told
+
+
+def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """A table as all that follows takes it: names that can be written, numbers of the machine's own types.
+
+    Raises
+    ------
+    InputError
+        Where it has no row, a name is long, or cells hold more than a number, text, date or list of these.
+    """
+    if not len(frame):
+        raise InputError(f"{path}: holds no row; record it again, or leave it out.")
+    columns = {}
+    for k, name in enumerate(map(escape_text, map(str, frame.columns))):
+        if len(name) > limits.COLUMN or name in columns:
+            told = (
+                f"has more than {limits.COLUMN} characters" if len(name) > limits.COLUMN else "stands twice"
+            )
+            raise InputError(f"{path}: column '{name[:30]}' {told}; rename it, or leave it out.")
+        x = frame.iloc[:, k]
+        if isinstance(x.dtype, np.dtype) and x.dtype.kind in "iuf":
+            x = x.astype(np.float64 if x.dtype.kind == "f" else x.dtype.newbyteorder("="))
+        elif x.dtype.kind in "cV" or x.map(_is_deep).any():
+            told = "holds values of several parts, or named ones"
+            raise InputError(f"{path}: column '{name}' {told}; give each a column of its own.")
+        columns[name] = x
+    return pd.DataFrame(columns, index=frame.index)
+
+
+def _is_deep(cell: object) -> bool:
+    """Whether a cell holds more than a value or a plain list of values."""
+    if isinstance(cell, list | tuple | np.ndarray):
+        return any(isinstance(one, dict | list | tuple | np.ndarray) for one in cell)
+    return isinstance(cell, dict)
 
 
 def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
@@ -81,7 +111,7 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
         if kind in _TEXT:
             return read_text(path)
         if kind in _JSON:
-            return _check_cells(pd.read_json(path, lines=kind != ".json", dtype=False), path), []
+            return pd.read_json(path, lines=kind != ".json", dtype=False), []
         if kind == ".npz":
             return _read_arrays(path), []
     except (InputError, MemoryError):
@@ -98,17 +128,12 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     )
 
 
-def _check_cells(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
-    for name in frame.select_dtypes("object"):
-        if frame[name].map(lambda cell: isinstance(cell, dict)).any():
-            raise InputError(f"{path}: '{name}' has named values in a row; give each a column of its own.")
-    return frame
-
-
 def _read_arrays(path: Path) -> pd.DataFrame:
     """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
     columns: dict[str, np.ndarray] = {}
     with np.load(path, allow_pickle=False) as arrays:
+        if isinstance(arrays, np.ndarray):
+            raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
         for name, x in arrays.items():
             many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
             columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}

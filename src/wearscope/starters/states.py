@@ -36,14 +36,15 @@ def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
     for name in frame.columns:
         column = frame[name]
         first: Any = column.iloc[0] if len(frame) else None
-        size = first.count(",") if isinstance(first, str) else np.size(first)
+        listed = isinstance(first, (list, tuple, np.ndarray))
+        size = first.count(",") if isinstance(first, str) else len(first) if listed else 1
         if size > limits.COLUMNS:
             raise InputError(
                 f"column '{name}': has lists of more than {limits.COLUMNS} values; leave it out."
             )
         if isinstance(first, str) and _LIST.fullmatch(first.strip()):
             cells = column.astype(str).str.strip("[]() \n").str.split(r"\s*,\s*|\s+", regex=True, expand=True)
-        elif isinstance(first, (list, tuple, np.ndarray)) and len(first):
+        elif listed and size:
             cells = pd.DataFrame(column.tolist(), index=frame.index)
         else:
             parts.append(column.to_frame())

@@ -83,7 +83,7 @@ class DatasetFields(_Fields):
     description: str = ""
     source: str = ""
     robot: RobotFields
-    sample_rate: _Number = Field(gt=0.0)
+    sample_rate: _Number = Field(ge=limits.SLOWEST)
     units: UnitFields | None = None
     declared_effects: _Names
     effects: _Names = []

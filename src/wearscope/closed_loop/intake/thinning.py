@@ -19,6 +19,7 @@ from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import normalise_robot, prepare
 from wearscope.closed_loop.intake.sources import Source, clean_record, widest_reach
+from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 
 #: Cut-off of the motion that is looked at, and the rate that it is looked at with [Hz].
 _CUTOFF, _RATE = 5.0, 25.0
@@ -47,7 +48,7 @@ class Budget:
     tested : float
         Share of these that the test runs may have, too.
     stretch : float
-        Usual length of a stretch [s].
+        Usual length of a stretch [s], longer where the rate is low.
     """
 
     joint_seconds: float = 16_000.0
@@ -118,7 +119,8 @@ def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
         if whole <= most:
             used |= {k: record.stretches for k, record in enumerate(dataset.runs) if record.use == use}
             continue
-        stretches = [s for k, r in enumerate(dataset.runs) if r.use == use for s in _split(k, r, budget)]
+        length = max(budget.stretch, 2.0 * LEAST_ROWS / dataset.fields.sample_rate)
+        stretches = [s for k, r in enumerate(dataset.runs) if r.use == use for s in _split(k, r, length)]
         if use == "train":
             chosen = _choose_informing(dataset, stretches, most)
             how = "stretches whose motion informs most, chosen without the torque,"
@@ -141,11 +143,11 @@ def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
     return replace(dataset, runs=runs, notes=[*dataset.notes, note])
 
 
-def _split(number: int, record: RunRecord, budget: Budget) -> list[Stretch]:
-    """Stretches of about one length that a recording consists of; a gap ends one."""
+def _split(number: int, record: RunRecord, length: float) -> list[Stretch]:
+    """Stretches of about one length [s] that a recording consists of; a gap ends one."""
     stretches = []
     for start, stop in record.recorded:
-        count = max(1, round((stop - start) / budget.stretch))
+        count = max(1, round((stop - start) / length))
         stretches += [
             Stretch(number, a, b) for a, b in pairwise(np.linspace(start, stop, count + 1).tolist())
         ]

@@ -1,0 +1,96 @@
+"""Places that the system refuses, streams that are closed and memory that runs out end in a sentence."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from hostile.samples import write_dataset, write_loop, write_robot, write_shown
+
+COMMAND = (sys.executable, "-P", "-m", "wearscope")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("places")
+    write_robot(folder / "arm")
+    write_dataset(folder / "data")
+    for name in ("a", "b"):
+        write_loop(folder / name)
+    write_shown(folder, "csv")
+    (folder / "file").write_text("x")
+    return folder
+
+
+def run(folder, line, **given):
+    return subprocess.run(
+        [*COMMAND, *line.split()], cwd=folder, capture_output=True, text=True, errors="replace", check=False,
+        timeout=120, **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "new study file/s --robot arm",
+        "new robot arm/robot.urdf --name r --in file",
+        "new dataset data/a.csv data/b.parquet --urdf data/robot.urdf --in /proc/none --name d",
+        "compare a b --page file/x.html",
+        "compare a b --page /proc/none/x.html",
+        "check file/x",
+        "history file",
+        "show file/x.csv",
+        "demo --out file/x",
+        "evaluate arm data --temperature 40 --out file/x",
+        "diagnose file/data",
+    ],
+)  # fmt: skip
+def test_a_place_that_is_refused_gets_a_sentence(place, line):
+    done = run(place, line)
+    assert done.returncode in (1, 2) and "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.strip() and (place / "file").read_text() == "x"
+
+
+@pytest.mark.parametrize("closed", [(0,), (1,), (2,), (1, 2), (0, 1, 2)])
+def test_streams_that_are_closed_change_nothing(place, closed, tmp_path):
+    """A file that is opened next would be the standard output, which libraries write to."""
+
+    def close():
+        for handle in closed:
+            os.close(handle)
+
+    page = tmp_path / "x.html"
+    done = run(place, f"compare a b --page {page}", preexec_fn=close)
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+    assert page.read_text().startswith("<!doctype html>") or page.read_text().startswith("<!DOCTYPE html>")
+
+
+def test_a_reader_that_leaves_is_no_defect(place):
+    with subprocess.Popen([*COMMAND, "show", "a.csv"], cwd=place, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as done:  # fmt: skip
+        done.stdout.close()
+        assert b"Traceback" not in done.stderr.read()
+
+
+def test_names_that_are_no_text_and_folders_that_are_gone_are_told(place, tmp_path):
+    odd = os.fsdecode(b"\xff\xfe.csv")
+    for line in (f"show {odd}", f"check {odd}", f"new dataset {odd} --urdf arm/robot.urdf"):
+        done = run(place, line)
+        assert done.returncode == 1 and "is not UTF-8; rename the file or folder." in done.stderr
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = f"import os, sys; os.rmdir({str(gone)!r}); os.execv(sys.executable, {[*COMMAND, 'check']!r})"
+    done = subprocess.run([sys.executable, "-c", code], cwd=gone, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and done.stderr.strip() == (
+        "the working directory is gone; change to another one."
+    )
+
+
+def test_memory_that_runs_out_is_told(monkeypatch, capsys):
+    from wearscope.cli import main
+
+    monkeypatch.setattr(main, "wearscope", lambda **given: [0] * (1 << 62))
+    monkeypatch.setattr(sys, "argv", ["wearscope"])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 1 and capsys.readouterr().err.startswith("memory ran out; free some")
