@@ -2,6 +2,7 @@
 """Spoiled URDF, own code and archives, and what is no plain file."""
 
 import io
+import json
 import os
 import random
 import socket
@@ -97,6 +98,15 @@ def spoil_archive(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         members[k] = (members[k][0], made)
         if draw.random() < 0.8:
             sign(members)
+    elif how < 0.65:
+        manifest = json.loads(members[0][1])
+        manifest |= {"study": draw.choice(["closed_loop", "tracking", "archive", "tiny", "."])}
+        manifest["inputs"] = dict.fromkeys(
+            ["/dev/stdin", "/proc/kmsg", "/dev/zero", "/dev/tty", "pipe"], "0" * 64
+        )
+        members[0] = (members[0][0], json.dumps(manifest).encode())
+        told = f"study {manifest['study']}, inputs that have no end"
+        sign(members)
     elif how < 0.8:
         name = draw.choice(["../ran", "/tmp/ran", "a/../../ran", "x" * 300, "a\nb", "\x1b[2J", "evil.py", "-rf", "\u202e",
                             ".bashrc", "results/../x", "a\\b", "", ".", "config.yaml/x", "nul\x00", "é" * 90])  # fmt: skip

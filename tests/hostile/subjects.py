@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hostile.files import spoil_archive, spoil_code, spoil_place, spoil_urdf
+from hostile.recordings import write_odd_recording
 from hostile.runner import RAN
 from hostile.samples import (
     write_archive,
@@ -155,11 +156,18 @@ def make_case(name: str, number: int, folder: Path) -> Case:
     """Write the n-th input of a subject into an empty folder; equal numbers give equal inputs."""
     subject, draw = SUBJECTS[name], random.Random(f"{name} {number}")
     subject.write(folder)
+    (folder / "evil.py").write_text(f"open({str(folder / RAN)!r}, 'w')\n")
+    if name == "new dataset" and draw.random() < 0.6:
+        odd, told = write_odd_recording(folder, draw)
+        words = [f"./{odd}" if one == "data/a.csv" else one for one in subject.arguments]
+        unit = draw.choice(["s", "ms", "us", "ns", "d"])
+        return Case(
+            told, (*words, *draw.choice([(), (), ("--time-unit", unit), ("--rate", "100")])), subject.made
+        )
     path = folder / draw.choice(subject.files)
     if draw.random() < 0.08:
         told = spoil_place(path, draw)
     else:
         content, told = SPOIL.get(path.suffix, spoil_bytes)(path.read_bytes(), draw)
         path.write_bytes(content)
-    (folder / "evil.py").write_text(f"open({str(folder / RAN)!r}, 'w')\n")
     return Case(f"{path.name}: {told}", subject.arguments, subject.made)

@@ -20,6 +20,8 @@ def spoil_csv(content: bytes, draw: random.Random) -> tuple[bytes, str]:
     odd = draw.choice(["", "nan", "inf", "-inf", "1e308", "1e400", "x", "2024-01-01", "True", "0x10", "1_0", '"a\nb"',
                        "\x1b[2J", "=cmd|' /C calc'!A0", "9" * 500, "-", "1.2.3", "1,5", "'", '"', "\u202e1", "\u0661", "#"])  # fmt: skip
 
+    jump = draw.choice([30.0, 7e4, 1.7e9, 1e12, 1e15])
+
     def whole(change):
         for one in cells[1:]:
             one[column] = change(one[column])
@@ -40,6 +42,8 @@ def spoil_csv(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         "a ragged row": lambda: cells[row].append("1"),
         "a short row": lambda: cells[row].pop(),
         "shuffled": order,
+        "time jumps": lambda: [put(one, (0,), str(float(one[0]) + jump)) for one in cells[max(row, 1):]],
+        "time jumps once": lambda: put(cells, (max(row, 1), 0), str(jump)),
         "time back": lambda: put(cells, (row, 0), "-5" if row else "t"),
         "time stands": lambda: [put(one, (0,), "1") for one in cells[1:]],
         "time in years": lambda: [put(one, (0,), str(float(one[0]) * 1e9)) for one in cells[1:]],

@@ -131,9 +131,10 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
 def _read_arrays(path: Path) -> pd.DataFrame:
     """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
     columns: dict[str, np.ndarray] = {}
-    with np.load(path, allow_pickle=False) as arrays:
-        if isinstance(arrays, np.ndarray):
-            raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
+    loaded = np.load(path, allow_pickle=False)
+    if isinstance(loaded, np.ndarray):
+        raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
+    with loaded as arrays:
         for name, x in arrays.items():
             many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
             columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
