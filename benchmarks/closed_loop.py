@@ -21,6 +21,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from benchmarks.board.generate import generate_dataset
@@ -29,10 +30,9 @@ from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.intake import make_folder
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
+from wearscope.closed_loop.inference.offers import list_offers
+from wearscope.closed_loop.inference.score import Model
 from wearscope.closed_loop.posing import pose_problem
-from wearscope.closed_loop.selection.offers import list_candidates
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
 KINDS = ("fourier", "sweep", "points")
@@ -88,11 +88,11 @@ def make_data(place, name):
 def pass_over(data):
     """Processor seconds of one pass over the dictionary of columns, and how many columns it has."""
     problem = pose_problem(data)
-    assembly = Search(problem, Policy()).assemble([])
-    begin, count = time.process_time(), 0
-    for candidate in list_candidates(problem, assembly, range(problem.prepared.n)):
-        assembly.sum_products(candidate)
-        count += sum(x.shape[1] for x in candidate.rows)
+    model = Model(problem, (), np.ones(problem.prepared.n))
+    begin = time.process_time()
+    offers = list_offers(model, range(problem.prepared.n))
+    candidates = {id(o.term.candidate): o.term.candidate for o in offers}
+    count = sum(x.shape[1] for candidate in candidates.values() for x in candidate.rows)
     return time.process_time() - begin, count
 
 

@@ -32,7 +32,7 @@ from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
 ROOT = Path(__file__).parents[1]
 TREE = "Makefile README.md LICENSE Snakefile pyproject.toml benchmarks config docs envs profiles src"
-SELECTION = "src/wearscope/closed_loop/selection"
+INFERENCE = "src/wearscope/closed_loop/inference"
 #: Modules and tests by room; tests in the order in which they are asked.
 ROOMS = {
     **{
@@ -40,8 +40,8 @@ ROOMS = {
         for room in ("detectors", "designs", "effects", "surrogates", "evaluation", "simulation")
     },
     "naming": (
-        [f"{SELECTION}/{name}.py" for name in "rule naming significance status policy".split()],
-        [f"tests/closed_loop/test_{name}.py" for name in "rule significance status naming search".split()],
+        [f"{INFERENCE}/{name}.py" for name in "gram score moves offers answer".split()],
+        ["tests/closed_loop/inference", "tests/closed_loop/test_recovery.py"],
     ),
 }
 #: Of cosmic-ray's, what makes another value of an operator, not another type.

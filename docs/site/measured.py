@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.thinning import Budget
-from wearscope.closed_loop.selection.policy import Policy
 
 FILE = Path(__file__).with_name("measured.yaml")
 _PLACE = re.compile(r"\[\[(table|value): (\w+)\]\]")

@@ -124,8 +124,8 @@ def test_every_room_has_its_row():
 def test_a_breach_would_be_found():
     assert breaches("effects", "from wearscope.reporting.style import save_figure") == {"reporting"}
     assert breaches("surrogates", "def f():\n    import wearscope.simulation.run") == {"simulation"}
-    assert breaches("closed_loop/intake", "from wearscope.closed_loop.selection.rule import X") == {
-        "closed_loop/selection"
+    assert breaches("closed_loop/intake", "from wearscope.closed_loop.inference.score import X") == {
+        "closed_loop/inference"
     }
     assert breaches("simulation", "from wearscope.effects.base import Plant") == set()
 

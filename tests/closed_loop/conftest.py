@@ -9,11 +9,14 @@ import pytest
 import yaml
 from scipy import signal
 
+from wearscope.closed_loop.inference.answer import find_terms
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.score import Model
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import differentiate
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.posing import find_prismatic
-from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Signals, TransmissionEffect, load_effect
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
@@ -153,6 +156,28 @@ def pose_problem(folder: Path, own=()) -> Problem:
     dataset = read_dataset(folder, find_prismatic)
     declared = [load_effect(name) for name in dataset.fields.declared_effects]
     return Problem(prepare(dataset), declared, own)
+
+
+def fit_declared(problem: Problem) -> Model:
+    """The declared model of a problem, weighed by what it leaves."""
+    scale = np.maximum(np.sqrt(np.mean(problem.target**2, axis=0)), 1e-9)
+    return Model(problem, (), scale).rescale().rescale()
+
+
+@pytest.fixture
+def declared_model() -> Callable[[Problem], Model]:
+    """`fit_declared`."""
+    return fit_declared
+
+
+@pytest.fixture
+def name_terms(pose) -> Callable[[Path], set[tuple[str, int]]]:
+    """Names and joints that the search finds in a data set's folder."""
+
+    def find(folder: Path) -> set[tuple[str, int]]:
+        return {(f.term.effect.name, f.term.joint) for f in find_terms(pose(folder), Policy()).found}
+
+    return find
 
 
 @pytest.fixture

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from wearscope.closed_loop.run import close_loop
-from wearscope.closed_loop.selection.significance import find_ratio, score_chance
 
 LIMIT = "detection_limit_percent"
+#: A spring [N m] that is a little too small for a name on the recording that it is added to.
+SMALL = 0.45
 
 
 def add_spring(size):
@@ -23,17 +23,6 @@ def add_spring(size):
 def names_at(verdict, joint):
     own = [e for e in verdict["verdict"] if e["joint"] == joint]
     return [name for e in own for name in (e["effect"], *e["equivalent"])]
-
-
-@pytest.mark.parametrize("columns", [1, 2, 5])
-def test_the_least_ratio_is_that_of_its_normal_score(columns):
-    chance = stats.chi2.rvs(columns, size=200_000, random_state=np.random.default_rng(3))
-    observed = find_ratio(2.5, columns) * chance.mean()
-    assert score_chance(observed, chance) == pytest.approx(2.5, rel=0.01)
-    # The law itself, as far out: the cube root is close to normal.
-    assert stats.chi2.sf(find_ratio(2.5, columns) * columns, columns) == pytest.approx(
-        stats.norm.sf(2.5), rel=0.25
-    )
 
 
 @pytest.mark.parametrize(("runs", "duration", "noise"), [(5, 12.0, 4.0), (2, 30.0, 4.0), (4, 9.0, 1.0)])
@@ -54,26 +43,14 @@ def test_a_spring_is_named_above_its_limit_and_not_far_below(record_at, tmp_path
 def test_what_is_too_uncertain_for_a_name_is_noted(record_at, tmp_path):
     made = {"seed": 2, "runs": 2, "duration": 8.0, "noise": 4.0}
     notes = {}
-    for size in (0.0, 1.0):
+    for size in (0.0, SMALL):
         folder = record_at(tmp_path / f"{size}", extra_torque=add_spring(size), **made)
         verdict = close_loop(folder, tmp_path / f"out{size}", light=True)
         assert not verdict["verdict"]
         notes[size] = [note for note in verdict["notes"] if "too uncertain for a name" in note]
     assert not notes[0.0]
-    (note,) = notes[1.0]
+    (note,) = notes[SMALL]
     reason = verdict["joints"]["a"]["reason"]
     assert note == f"a: {reason}."
     assert "joint_spring" in reason
     assert verdict["joints"]["a"]["state"] == "explained"
-
-
-def test_what_one_event_shows_has_no_size_that_gets_a_name(record_at, tmp_path):
-    # The second joint of this short run is slow in two of its blocks.
-    verdict = close_loop(
-        record_at(tmp_path / "duo", seed=4, runs=2, duration=5.0, rate=500.0), tmp_path / "out"
-    )
-    limits = verdict["joints"]["b"][LIMIT]
-    assert limits["stribeck"] is None
-    assert limits["joint_spring"] < 5.0
-    told = {one["effect"]: one["reason"] for one in verdict["undetermined"] if one["joint"] == "b"}
-    assert told["stribeck"] == "it gets no name of any size on these runs"

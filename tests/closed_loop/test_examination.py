@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 
 from wearscope.closed_loop.diagnostics import forward
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.run import close_loop
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.simulation.errors import SimulationError
 
 

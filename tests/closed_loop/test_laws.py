@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.inference.answer import find_terms
+from wearscope.closed_loop.inference.laws import fit_law, is_law
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.reversal import is_wide
 from wearscope.closed_loop.intake.direction import Reversals
-from wearscope.closed_loop.selection.laws import fit_law, is_law, suit_laws
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.reversal import is_wide
-from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.stepwise import extend, find_standard
 from wearscope.effects.base import load_effect
 from wearscope.effects.vocabulary import list_effects
 
@@ -86,17 +85,11 @@ def test_friction_that_does_reverse_over_a_wide_speed_is_given_no_law(record):
     assert diagnosis.verdict["verdict"] == []
 
 
-def list_laws(found):
-    return [(f.effect.name, f.joint) for f in found if is_law(f.effect)]
-
-
 def test_a_law_that_is_there_stays_with_its_reversal(record, pose):
-    search = Search(pose(record([], seed=6, extra_torque=smooth(0.05, stribeck=8.0))), Policy())
-    found = suit_laws(search, search.settle_reversals(extend(search, find_standard(search))))
-    assert list_laws(found) == [("stribeck", 0)]
-    before = search.problem.prepared.reversals
-    assert suit_laws(search, found) is found
-    assert search.problem.prepared.reversals is before
+    answer = find_terms(pose(record([], seed=6, extra_torque=smooth(0.05, stribeck=8.0))), Policy())
+    laws = [(f.term.effect.name, f.term.joint) for f in answer.found if is_law(f.term.effect)]
+    assert laws == [("stribeck", 0)]
+    assert answer.problem.prepared.reversals.width[0] == pytest.approx(0.05, rel=0.2)
 
 
 @pytest.mark.slow
@@ -109,33 +102,31 @@ def test_a_law_that_a_wrong_reversal_had_made_unbelievable_is_found_with_the_rig
     assert diagnosis.prepared.reversals.width[0] == pytest.approx(0.05, rel=0.15)
 
 
-def test_shape_and_width_are_recovered_together(record, pose):
+def test_shape_and_width_are_recovered_together(record, pose, declared_model):
     """Though neither is near where the fit begins, nor was the width that the model had."""
     planted = {"level": 12.0, "exponent": 0.42, "speed": 0.6}
     folder = record([(0, "concave_viscous", planted)], seed=4, noise=0.02, extra_torque=smooth(0.03))
     problem = pose(folder)
     wrong = problem.prepared.reversals.width.copy()
     wrong[0] = 0.5
-    search = Search(problem.reverse_over(Reversals.over(wrong)), Policy())
+    model = declared_model(problem.reverse_over(Reversals.over(wrong)))
+    prepared = model.problem.prepared
     law = load_effect("concave_viscous")
-    fitted = fit_law(
-        search.problem.prepared, search.assemble([]), 0, None, law, law.shapes(search.problem.joined, 0)
-    )
+    fitted = fit_law(prepared, model.fit, 0, None, law, law.shapes(model.problem.joined, 0))
     assert fitted is not None
     shape, reversals = fitted
     assert shape == pytest.approx([0.42, 0.6], rel=0.05)
     assert reversals.width[0] == pytest.approx(0.03, rel=0.1)
-    assert reversals.width[1] == search.problem.prepared.reversals.width[1]
+    assert reversals.width[1] == prepared.reversals.width[1]
 
 
 def test_a_law_that_fits_far_worse_wherever_it_starts_is_not_fitted(record, pose):
-    search = Search(pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7)), Policy())
-    found = extend(search, find_standard(search))
-    (stribeck,) = [f for f in found if is_law(f.effect)]
+    problem = pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7))
+    model = find_terms(problem, Policy()).model
+    (stribeck,) = [t for t in model.terms if is_law(t.effect)]
     law = load_effect("coulomb_asymmetry")
-    shapes = law.shapes(search.problem.joined, 0)
-    model = search.assemble(found)
-    assert fit_law(search.problem.prepared, model, 0, stribeck.chosen, law, shapes) is None
+    shapes = law.shapes(model.problem.joined, 0)
+    assert fit_law(model.problem.prepared, model.fit, 0, stribeck, law, shapes) is None
 
 
 def test_a_reversal_that_is_tried_at_one_joint_is_that_of_a_trial_at_all(record, pose):

@@ -7,8 +7,8 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnostics.in_time import see_lines
-from wearscope.closed_loop.selection.lines import find_common_line, find_line, hold_waves, make_waves
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.lines import find_common_line, find_line, hold_waves, make_waves
+from wearscope.closed_loop.inference.policy import Policy
 
 RATE, ROWS = 20.0, 600
 T = np.arange(ROWS) / RATE

@@ -5,10 +5,9 @@ import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection.motion_dependence import find_dependence, mix_phases, move
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.sums import HeldOut
+from wearscope.closed_loop.inference.held_out import HeldOut
+from wearscope.closed_loop.inference.motion_dependence import find_dependence, mix_phases, move
+from wearscope.closed_loop.inference.policy import Policy
 
 SMALL = {"runs": 4, "duration": 10.0}
 
@@ -68,13 +67,12 @@ def knock(t, q, v, a, rng):
 
 
 @pytest.fixture
-def ask(record, pose):
+def ask(record, pose, declared_model):
     """What depends on the motion conditional on the declared model, by joint."""
 
     def depend(extra, seed, **more):
-        return find_dependence(
-            Search(pose(record(extra_torque=extra, seed=seed, **more)), Policy()), (), (0, 1)
-        )
+        model = declared_model(pose(record(extra_torque=extra, seed=seed, **more)))
+        return find_dependence(model.problem, model.fit, (0, 1), Policy())
 
     return depend
 
@@ -126,19 +124,18 @@ def test_surrogates_have_what_a_residual_has_but_its_place_in_time():
 
 
 @pytest.mark.parametrize("runs", [2, 4])
-def test_shares_are_those_of_fits_to_the_rows(record, pose, runs):
-    search = Search(pose(record(seed=5, runs=runs, duration=12.0)), Policy(flips=99))
-    assembly = search.assemble(())
-    layout, every = assembly.layout, 2
+def test_shares_are_those_of_fits_to_the_rows(record, pose, declared_model, runs):
+    given = declared_model(pose(record(seed=5, runs=runs, duration=12.0)))
+    layout, every = given.problem.layout, 2
     keep = layout.keep[::every, 0]
     rng = np.random.default_rng(0)
-    model, further = assembly.columns[0][::every], rng.standard_normal((len(keep), 2))
+    model, further = given.fit.columns(0)[::every], rng.standard_normal((len(keep), 2))
     target = rng.standard_normal((len(keep), 3)) + further[:, :1]
     known, penalty = 0.3 * np.eye(model.shape[1]), 0.7 * np.eye(2)
     sums = HeldOut(layout, every, keep, model, known)
     shares = sums.explain(further, penalty, sums.target(target))
     block = np.zeros(len(layout.keep), dtype=int)
-    first = np.concatenate([[0], np.cumsum([len(run.t) for run in search.problem.train])])
+    first = np.concatenate([[0], np.cumsum([len(run.t) for run in given.problem.train])])
     for b, one in enumerate(layout.blocks):
         block[first[one.run] + one.start : first[one.run] + one.stop] = b
     of_row = block[::every]

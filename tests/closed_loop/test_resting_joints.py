@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.cleaning import clean_run
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
@@ -12,7 +13,6 @@ from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.closed_loop.run import close_loop
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.inference.answer import find_terms
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.reversal import refine_reversals
 from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate, estimate_jointly
-from wearscope.closed_loop.selection.answer import find_named
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.reversal import refine_reversals
-from wearscope.closed_loop.selection.search import Search
 
 WIDTHS = np.array([0.12, 0.05])
 FORMS = {
@@ -39,34 +38,33 @@ def curved(record_at, pose, tmp_path_factory):
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.6, 1.6])
-def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, wrong):
-    search = Search(curved.reverse_over(Reversals.over(wrong * WIDTHS)), Policy())
-    widths = refine_reversals(search.problem.prepared, search.assemble(())).width
+def test_the_width_is_recovered_beside_a_model_that_lacks_something(curved, declared_model, wrong):
+    model = declared_model(curved.reverse_over(Reversals.over(wrong * WIDTHS)))
+    widths = refine_reversals(model.problem.prepared, model.fit).width
     # The second joint lacks nothing; the first lacks a drag that has no part in its reversal.
     assert widths[1] == pytest.approx(WIDTHS[1], rel=0.05)
     assert widths[0] == pytest.approx(WIDTHS[0], rel=0.25)
 
 
 def test_the_width_is_recovered_once_what_was_missing_is_named(curved):
-    search = Search(curved, Policy())
-    found = find_named(search)
-    assert [(f.effect.name, f.joint) for f in found] == [("quadratic_viscous", 0)]
-    assert search.problem.prepared.reversals.width == pytest.approx(WIDTHS, rel=0.03)
+    answer = find_terms(curved, Policy())
+    assert [(f.term.effect.name, f.term.joint) for f in answer.found] == [("quadratic_viscous", 0)]
+    assert answer.problem.prepared.reversals.width == pytest.approx(WIDTHS, rel=0.03)
 
 
-def test_a_reversal_at_once_stays_one(record, pose):
+def test_a_reversal_at_once_stays_one(record, pose, declared_model):
     problem = pose(record(noise=0.05, seed=11)).reverse_over(Reversals.over(np.zeros(2)))
-    search = Search(problem, Policy())
-    fitted = refine_reversals(search.problem.prepared, search.assemble(()))
+    fitted = refine_reversals(problem.prepared, declared_model(problem).fit)
     assert fitted.width.max() < 0.01 * WIDTHS.min()
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, pose, form):
     folder = record(noise=0.05, extra_torque=soften(form), seed=5, declared=("rigid_body", "rotor_inertia"))
-    search = Search(pose(folder), Policy())
-    find_named(search)
-    assert search.problem.prepared.reversals.form.tolist() == [list(FORMS).index(form)] * 2
+    assert (
+        find_terms(pose(folder), Policy()).problem.prepared.reversals.form.tolist()
+        == [list(FORMS).index(form)] * 2
+    )
     stated = {(e["joint"], e["effect"]): e["parameters"] for e in diagnose(folder).verdict["verdict"]}
     for joint, level in (("a", 6.0), ("b", 3.0)):
         low, high = stated[joint, "coulomb"]["level"]["ci95"]

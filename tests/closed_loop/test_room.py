@@ -4,10 +4,10 @@ import gc
 
 import numpy as np
 
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.score import Score
+from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.model.room import MadeRows, Room
-from wearscope.closed_loop.selection.generic import GenericTerms, weigh_generic
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search
 
 
 def test_what_comes_first_stays_and_gives_its_room_back():
@@ -37,21 +37,19 @@ def test_another_owner_never_gets_the_rows_of_one_that_is_gone():
         assert MadeRows(room, lambda k=k: np.full((3, 1), float(k)))[0][0, 0] == k
 
 
-def test_evidence_on_the_generic_term_does_not_depend_on_the_room(record, pose):
+def test_splines_do_not_depend_on_the_room(record, pose, declared_model):
     def bend(t, q, v, a, rng):
         return 6.0 * np.sin(3.0 * q)
 
-    problem = pose(record(extra_torque=bend, seed=5, runs=3, duration=4.0))
-    search = Search(problem, Policy(flips=99))
-    assembly = search.assemble(())
+    model = declared_model(pose(record(extra_torque=bend, seed=5, runs=4, duration=4.0)))
+    problem = model.problem
+    score = Score(Policy(), problem.gram.layout)
     found = []
     for size in (0, 2**20, 2**30):
-        terms = GenericTerms(problem.prepared, problem.joined, room=size)
-        found.append([weigh_generic(search, terms, assembly, [0]) for _ in range(2)][-1])
+        splines = Splines(problem.prepared, problem.joined, room=size)
+        found.append([list(splines.offer(model, 0, score)) for _ in range(2)][-1])
     assert len(found[0]) > 5
     for other in found[1:]:
         for a, b in zip(found[0], other, strict=True):
-            assert a.term.shape == b.term.shape
-            np.testing.assert_array_equal(a.change, b.change)
-            np.testing.assert_array_equal(a.beta, b.beta)
-            np.testing.assert_array_equal(a.chosen.rows[0], b.chosen.rows[0])
+            assert a.key == b.key
+            np.testing.assert_array_equal(a.candidate.rows[0], b.candidate.rows[0])

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.inference.status import mark_terms
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.status import mark_terms
 from wearscope.effects.base import load_effect
 
 RIPPLE = ModelTerm(load_effect("torque_ripple"), 0, (20.0,), (0, 1))

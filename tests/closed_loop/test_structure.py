@@ -1,23 +1,17 @@
 """What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import re
-from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.diagnostics import structure
 from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
 from wearscope.closed_loop.diagnostics.structure import _compare_noise, _from_test, judge_joints
+from wearscope.closed_loop.inference.answer import Left
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.declared import fit_declared_model
-from wearscope.closed_loop.selection.evidence import Refusal, weigh
-from wearscope.closed_loop.selection.generic import GenericTerms
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.search import Search
-from wearscope.effects.base import load_effect
 
 SMALL = {"runs": 4, "duration": 10.0}
 
@@ -55,39 +49,22 @@ def judge(record, pose):
         model = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
         )
-        return judge_joints(problem.prepared, model, [], {}, {}, Policy())
+        return judge_joints(problem.prepared, model, [], {}, Policy())
 
     return states
 
 
-def test_structure_that_held_out_runs_do_not_gain_by_has_a_size_too(record, pose):
-    """What runs disagree on the form of: the share of the rows that are fitted is what is known."""
-    search = Search(pose(record(seed=62, **SMALL)), Policy(flips=99))
-    problem, assembly = search.problem, search.assemble(())
-    terms = GenericTerms(problem.prepared, problem.joined)
-    rough = next(iter(terms.roughly(0)))
-    e = weigh(assembly, terms.exactly(0, rough.shapes[0]), tuple(range(rough.count)), search.policy)
-    left = {0: replace(e, share=-3.0, fitted=0.64, refusal=Refusal.DISAGREES)}
+def test_what_the_search_could_not_take_is_structure_with_its_size(record, pose):
+    problem = pose(record(seed=62, **SMALL))
     model = fit_declared_model(
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
     )
-    said, other = judge_joints(problem.prepared, model, [], left, {}, Policy())
+    left = {0: Left(0.64, ["q_a"], "structure in q_a: too few runs")}
+    said, other = judge_joints(problem.prepared, model, [], left, Policy())
     assert said.state == "unexplained"
-    assert 0.0 < said.unexplained_rms == pytest.approx(0.8 * search.sigma[0], rel=0.1)
-    assert said.depends_on
+    assert said.unexplained_rms == pytest.approx(0.8 * model.sigma[0], rel=0.1)
+    assert said.depends_on == ["q_a"]
     assert other.state == "explained"
-
-
-def test_a_name_whose_parameter_no_machine_has_is_said_with_its_value(record, pose):
-    search = Search(pose(record(seed=62, runs=3, duration=6.0)), Policy(flips=99))
-    problem = search.problem
-    candidate = problem.candidate(load_effect("joint_elasticity"), 0)
-    e = weigh(search.assemble(()), candidate, (0,), search.policy)
-    for compliance, told in ((1.0, "compliance 1 rad/(N m), not believed beyond 0 to "), (0.0, "refused")):
-        found = replace(e, beta=np.array([compliance]), refusal=SimpleNamespace(value="refused"))
-        (seen,) = structure._from_left(problem.prepared, {0: found}, 0)
-        assert seen.reason.startswith(f"joint_elasticity would explain it: {told}")
-    assert structure._from_left(problem.prepared, {0: found}, 1) == []
 
 
 @pytest.mark.parametrize("noise", [white, coloured, slow, drift, heavy])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.policy import Policy
 
 POLICY = Policy(flips=199)
 

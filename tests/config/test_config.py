@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.config import SimulationSettings, StudyConfig, label, load_config, make_schema
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.kinds import make_design
@@ -174,14 +174,14 @@ def test_labels():
 def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper):
     settings = load_config(paper).closed_loop
     assert settings.policy == Policy()
-    paper["closed_loop"] = {"policy": {"family_level": "1e-3", "seed": 0}, "effects": ["my/hose_drag.py"]}
+    paper["closed_loop"] = {"policy": {"form_error": "1e-3", "seed": 0}, "effects": ["my/hose_drag.py"]}
     changed = load_config(paper).closed_loop
-    assert changed.policy == Policy(family_level=0.001, seed=0)
+    assert changed.policy == Policy(form_error=0.001, seed=0)
     assert changed.effects == ["my/hose_drag.py"] and not changed.allow_code
     refuse(
-        {**paper, "closed_loop": {"policy": {"familly_level": 0.1}}},
-        "closed_loop.policy.familly_level",
-        "family_level?",
+        {**paper, "closed_loop": {"policy": {"form_eror": 0.1}}},
+        "closed_loop.policy.form_eror",
+        "form_error?",
     )
     refuse({**paper, "closed_loop": {"policy": {"flips": 5}}}, "closed_loop.policy.flips", "99")
     refuse(

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from wearscope import tables
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
     against_signal,

@@ -23,12 +23,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wearscope.closed_loop.inference.status import SAME, Marked
 from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
 from wearscope.closed_loop.model.possible import Impossible, keep_possible, list_beyond
 from wearscope.closed_loop.model.prediction import bootstrap_change, predict_reduced, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.status import SAME, Marked
 from wearscope.effects.rotor_inertia_error import EFFECT as OWN_INERTIA
 
 _SEED = 31

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,13 @@ from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
+from wearscope.closed_loop.inference.answer import Found, find_terms
+from wearscope.closed_loop.inference.delays import is_lag
+from wearscope.closed_loop.inference.detection_limits import tell_limits
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.score import Model
+from wearscope.closed_loop.inference.status import mark_delays, mark_terms
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.thinning import Budget
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
@@ -30,21 +37,12 @@ from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, r
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.posing import pose_problem
-from wearscope.closed_loop.selection.answer import Answer, find_terms
-from wearscope.closed_loop.selection.delays import is_lag
-from wearscope.closed_loop.selection.detection_limits import find_limits, tell_limits, tell_suspected
-from wearscope.closed_loop.selection.evidence import Found
-from wearscope.closed_loop.selection.levels import name_levels, take_out_levels
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.search import Search
-from wearscope.closed_loop.selection.status import mark_delays, mark_terms
 from wearscope.closed_loop.verdict import make_verdict
 
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.
 _FAR = 0.1
-#: Times that the search starts again with another load.
+#: Times that the search goes on with another load.
 _LOADS = 3
 #: Quantile of a normal distribution that 5 % exceed.
 _ONE_SIDED = 1.645
@@ -131,61 +129,66 @@ def diagnose(
         Where the data set breaks the format or cannot be what it says.
     """
     problem = pose_problem(dataset, progress, effects, allow_code, budget)
-    search = Search(problem, policy or Policy(), progress)
-    found = conclude(search, find_terms(search))
-    late = list_delays(found)
-    if late:
-        names = ", ".join(found.prepared.dataset.joints[a.term.joint] for a in late)
-        progress(f"{names}: the torque channels are moved by their delays, and the search starts again")
-        terms = [a.term for a in late]
-        rest = [term for term in found.after.entries if not term.is_measurement_error]
-        moved = move_by_delays(refit(found.after, rest), [term.joint for term in terms], budget)
-        problem = Problem(moved, problem.declared, problem.own, terms)
-        search.start_over(problem)
-        found = conclude(search, find_terms(search), late)
-    events = list_events(found)
-    if events:
-        progress(f"{len(events)} short events are left: the search starts again without their rows")
-        prepared = problem.prepared
-        calm = leave_out(prepared.runs, events, prepared.dataset.joints)
-        without = Problem(replace(prepared, runs=calm), problem.declared, problem.own, problem.late)
-        search.start_over(without)
-        again = conclude(search, find_terms(search), late)
-        if explains_as_well(found, again):
-            # What a model with the events' rows hid, one without them may show.
-            problem, found = without, replace(again, events=events + list_events(again))
-    return correct_loads(search, problem, found, late)
-
-
-def correct_loads(
-    search: Search, problem: Problem, found: Diagnosis, late: Sequence[Attribution]
-) -> Diagnosis:
-    """The diagnosis whose effects are fitted to the load of its own corrected bodies.
-
-    The search starts again along that load until it stays, and ends where a model explains the runs worse.
-
-    Parameters
-    ----------
-    search : Search
-    problem : Problem
-        What it started with.
-    found : Diagnosis
-    late : sequence of Attribution
-        Delays that were found before.
-    """
-    for _ in range(_LOADS):
-        others = find_other_loads(found.after, [a.term for a in found.attributions if a.kept])
-        if not others:
-            break
-        names = ", ".join(found.prepared.dataset.joints[term.joint] for term in others)
-        search.progress(f"{names}: the search starts again with the corrected bodies' load")
-        prepared = take_loads(problem.prepared, found.after)
-        search.start_over(Problem(prepared, problem.declared, problem.own, problem.late))
-        again = conclude(search, find_terms(search), late)
-        if not explains_as_well(found, again):
-            break
-        found = replace(again, events=found.events)
+    ask = partial(conclude, policy=policy or Policy(), progress=progress)
+    found = ask(problem)
+    revisions: list[Callable[[Diagnosis], Revised | None]] = [partial(move_delays, budget=budget)]
+    for revise in (*revisions, leave_out_events, *[take_load] * _LOADS):
+        revised = revise(found)
+        if revised is None:
+            continue
+        told, problem, late, events = revised
+        progress(told)
+        again = replace(ask(problem, late=late, start=found.answer.model), events=events)
+        if revise is leave_out_events:
+            again = replace(again, events=[*events, *list_events(again)])
+        if late is not found.late or explains_as_well(found, again):
+            found = again
     return found
+
+
+Revised = tuple[str, Problem, Sequence[Attribution], list[Event]]
+
+
+def move_delays(found: Diagnosis, budget: Budget | None = None) -> Revised | None:
+    """The problem with torque channels moved by delays in which they are far from linear, if any."""
+    late = list_delays(found)
+    if not late:
+        return None
+    names = ", ".join(found.prepared.dataset.joints[a.term.joint] for a in late)
+    terms = [a.term for a in late]
+    rest = [term for term in found.after.entries if not term.is_measurement_error]
+    moved = move_by_delays(refit(found.after, rest), [term.joint for term in terms], budget)
+    problem = Problem(moved, found.problem.declared, found.problem.own, terms)
+    return f"{names}: the torque channels are moved by their delays", problem, late, []
+
+
+def leave_out_events(found: Diagnosis) -> Revised | None:
+    """The problem without the rows of short events, if there are any: they may hide what the machine has."""
+    events = list_events(found)
+    if not events:
+        return None
+    prepared = found.problem.prepared
+    calm = leave_out(prepared.runs, events, prepared.dataset.joints)
+    problem = Problem(
+        replace(prepared, runs=calm), found.problem.declared, found.problem.own, found.problem.late
+    )
+    return (
+        f"{len(events)} short events are left: the search goes on without their rows",
+        problem,
+        found.late,
+        events,
+    )
+
+
+def take_load(found: Diagnosis) -> Revised | None:
+    """The problem with effects along the load of the corrected bodies, where that is another one."""
+    others = find_other_loads(found.after, [a.term for a in found.attributions if a.kept])
+    if not others:
+        return None
+    names = ", ".join(found.prepared.dataset.joints[term.joint] for term in others)
+    prepared = take_loads(found.problem.prepared, found.after)
+    problem = Problem(prepared, found.problem.declared, found.problem.own, found.problem.late)
+    return f"{names}: the search goes on with the corrected bodies' load", problem, found.late, found.events
 
 
 def list_delays(diagnosis: Diagnosis) -> list[Attribution]:
@@ -228,72 +231,77 @@ def list_events(diagnosis: Diagnosis) -> list[Event]:
     return find_events(runs, left, prepared.dataset.joints, prepared.moving, prepared.top_speed, change)
 
 
-def conclude(search: Search, answer: Answer, late: Sequence[Attribution] = ()) -> Diagnosis:
-    """Fit the model with the terms found, and mark them by what the rests and the test runs say.
+def conclude(
+    problem: Problem,
+    policy: Policy,
+    progress: Callable[[str], None],
+    late: Sequence[Attribution] = (),
+    start: Model | None = None,
+) -> Diagnosis:
+    """Find what the declared model lacks, fit it, and mark each name by what rests and test runs say of it.
 
     Parameters
     ----------
-    search : Search
-    answer : Answer
+    problem : Problem
+    policy : Policy
+    progress : callable
     late : sequence of Attribution
         Delays that were found before, by which the problem's channels are moved.
+    start : Model, optional
+        From whose terms the search goes on.
     """
-    levels = name_levels(search, answer.found)
-    problem, found = search.problem, [*answer.found, *levels]
+    answer = find_terms(problem, policy, progress, start)
+    # What is fitted, marked and told goes along the reversals that were found.
+    problem, sigma = answer.problem, answer.sigma
     prepared = problem.prepared
-    levelled = take_out_levels(search, found)
-    declared = fit_declared_model(levelled, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
-    proposed, determined = drop_undetermined(declared, found, search.sigma, search.policy.zero_level)
-    others = [*answer.equivalent, *([] for _ in levels)]
-    equivalent = [names for names, f in zip(others, found, strict=True) if f in determined]
+    proposed, determined = drop_undetermined(declared, answer.found, sigma, policy.zero_level)
+    equivalent = [f.equivalent for f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
     marked = mark_terms(prepared, proposed, terms)
     aligned, impossible = keep_possible(declared, len(declared.entries))
     before = undo_shifts(aligned, problem.late)
-    after, why, beyond, helped = withdraw_worse(declared, aligned, search.sigma, terms, marked)
+    after, why, beyond, helped = withdraw_worse(declared, aligned, sigma, terms, marked)
     named = [
-        Attribution(term, f.evidence, names, mark, withdrawn)
+        Attribution(term, f.share, f.probability, names, mark, withdrawn)
         for term, f, names, mark, withdrawn in zip(terms, determined, equivalent, marked, why, strict=True)
     ]
     delays = mark_delays(proposed, problem.late)
     named = [*(replace(a, marked=mark) for a, mark in zip(late, delays, strict=True)), *named]
     here = [a.term for a in named if a.kept]
-    gone = [(a.term, a.evidence.share, a.withdrawn) for a in named if not a.kept]
-    states = judge_joints(prepared, after, here, answer.left, answer.dependence, search.policy, gone)
+    gone = [(a.term, a.share, a.withdrawn) for a in named if not a.kept]
+    states = judge_joints(prepared, after, here, answer.left, policy, gone)
     predicted = predict_runs(prepared, before, after)
     worth = measure_worth(prepared, predicted)
     states = withhold_judgement(prepared, states, worth)
-    full = [prepared.dataset.joints[j] for j in sorted(search.full)]
-    candidates = pd.DataFrame(search.rows)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    limits = find_limits(search, determined)
-    notes = tell_loads(prepared, predicted) + tell_limits(limits, prepared.dataset.joints)
+    joints = prepared.dataset.joints
+    notes = tell_loads(prepared, predicted) + tell_limits(answer.limits, joints)
     notes += tell_other_loads(after, here) + tell_payload(after)
-    suspicions = tell_suspected(answer.suspected)
-    notes += [f"{prepared.dataset.joints[j]}: {told}." for j, told in suspicions.items()]
-    notes += [one.describe(prepared.dataset.joints) for one in impossible]
+    notes += [f"{joints[j]}: {told}." for j, told in answer.suspected.items()]
+    notes += [one.describe(joints) for one in impossible]
     notes += [
-        f"{prepared.dataset.joints[term.joint]}: the named body alone makes its error larger; the corrected "
+        f"{joints[term.joint]}: the named body alone makes its error larger; the corrected "
         "model gives its drive an inertia of its own, which is no name."
         for term in helped
     ]
     return Diagnosis(
         prepared,
-        search.policy,
+        policy,
         named,
         before,
         proposed,
         after,
-        [s if s.reason else replace(s, reason=suspicions.get(s.joint, "")) for s in states],
+        [s if s.reason else replace(s, reason=answer.suspected.get(s.joint, "")) for s in states],
         worth,
-        candidates,
-        full,
         notes,
         problem,
-        limits,
+        answer.limits,
+        answer,
+        late=late,
     )
 
 
@@ -350,12 +358,12 @@ def drop_undetermined(
     found = list(found)
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
     while found:
-        after = refit(base, [*base.entries, *(f.evidence.term for f in found)])
+        after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
         estimates = estimate(after, unnamed=False)[len(before.entries) :]
         doubtful = [
             (e.p_value, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not (f.effect.empirical or f.effect.per_robot) and not e.p_value <= level
+            if not (f.term.effect.empirical or f.term.effect.per_robot) and not e.p_value <= level
         ]
         if not doubtful:
             return after, found

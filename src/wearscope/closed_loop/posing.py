@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from wearscope.closed_loop.inference.delays import is_lag
+from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.thinning import Budget, prepare_thinned
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.delays import move_by_delays
-from wearscope.closed_loop.selection.delays import is_lag
-from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import Effect, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.urdf_file import parse_urdf

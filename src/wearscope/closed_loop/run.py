@@ -6,8 +6,8 @@ from typing import Any
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.drawing import draw_models
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.names import drawn_path
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.robots.model import save_model
 
 

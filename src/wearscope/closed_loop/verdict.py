@@ -19,11 +19,12 @@ from wearscope.closed_loop.model.prediction import (
     relative_error,
     rms,
 )
-from wearscope.closed_loop.selection import rule
 from wearscope.closed_loop.speed_torque import list_speed_torques
 from wearscope.provenance import read_commit
 
 _SEED = 7
+#: Standard deviations a priori from which a link is far from its description.
+_FAR = 3.0
 
 
 def _number(value: float) -> float | None:
@@ -49,6 +50,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
                 "joint": joints[j],
                 "effect": term.effect.name,
                 "equivalent": named.equivalent,
+                "probability": named.probability,
                 "depends_on": list(dict.fromkeys(term.effect.name_signals(term.shape, joints, j))),
                 "parameters": {
                     name: {"value": estimate.values[name], "ci95": list(interval), "unit": unit_of[name]}
@@ -79,17 +81,12 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "far_links": [joint for joint, _ in far],
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
-        "stopped": [
-            f"{joint}: the most terms that are asked for ({diagnosis.policy.most_terms}) are named; what is "
-            "left may hold more"
-            for joint in diagnosis.full
-        ],
         "joints": summarise_joints(
             prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth, diagnosis.limits
         ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
-        "notes": prepared.notes + diagnosis.notes + _note_held(diagnosis) + [told for _, told in far],
+        "notes": prepared.notes + diagnosis.notes + [told for _, told in far],
     }
 
 
@@ -98,19 +95,7 @@ def list_far_links(diagnosis: Outcome) -> list[tuple[str, str]]:
     if not diagnosis.after.inertial:
         return []
     deviations = diagnosis.after.solve()[: 10 * diagnosis.prepared.n]
-    return name_far_links(diagnosis.prepared, deviations, diagnosis.policy.unexpected)
-
-
-def _note_held(diagnosis: Outcome) -> list[str]:
-    """A sentence on each name that changes no error, as refitted masses can hold it."""
-    return [
-        f"{named.term.effect.name} is named because the links would be far from the URDF without it. "
-        "Refitted masses can hold it, so that it changes no error."
-        for named in diagnosis.attributions
-        if diagnosis.after.inertial
-        and not named.term.effect.standard
-        and rule.relieves(named.evidence, diagnosis.policy)
-    ]
+    return name_far_links(diagnosis.prepared, deviations, _FAR)
 
 
 def summarise_joints(

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from wearscope import plugins
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.config.base import Probability, Section
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import (
@@ -14,7 +15,6 @@ from wearscope.closed_loop.model.events import (
     take_out_state,
 )
 from wearscope.closed_loop.model.prediction import find_repeats, predict_reduced
-from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.base import load_effect
 
 

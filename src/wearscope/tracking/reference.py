@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.diagnosis import Diagnosis, diagnose
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.events import measure_tails, take_out_state
 from wearscope.closed_loop.model.inertials import payload_penalty
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.vocabulary import plain_friction
 from wearscope.robots.model import RobotModel
 from wearscope.tracking.changes import Change, list_changes, plain_term

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
-from wearscope.closed_loop.selection.policy import Policy
 from wearscope.effects.base import load_effect
 from wearscope.provenance import read_commit
 from wearscope.robots.model import save_model

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope.closed_loop.diagnostics.jumps import find_jumps, fit_shift
+from wearscope.closed_loop.inference.lines import CommonLine, find_common_line, find_line
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.series import bridge_uncounted
 from wearscope.closed_loop.intake.prepared import PreparedRun
-from wearscope.closed_loop.selection.lines import CommonLine, find_common_line, find_line
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.whitening import bridge_uncounted
 
+#: Share of what is left of a single recording from which a level is told.
+_LEVEL = 0.7
 #: Least deviance of shifts of level: in 600 series of a kind, those of noise and drifts reach 25.
 _SHIFTED = 30.0
 
@@ -83,7 +85,7 @@ def see_level(
     level = float(np.mean(counted))
     share = level**2 / float(np.mean(counted**2))
     told = f"a level of {level:.3g}, an offset or a drift, which a single run does not tell apart"
-    return [Seen(share, [], told)] if share >= policy.beyond_doubt else []
+    return [Seen(share, [], told)] if share >= _LEVEL else []
 
 
 def see_lines(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wearscope.closed_loop.selection.series import average, bend_line, cut_knocks, find_whitening, leave
+from wearscope.closed_loop.inference.series import average, bend_line, cut_knocks, find_whitening, leave
 
 #: Numbers of jumps that are tried in a run.
 _JUMPS = (1, 4, 16, 64)

@@ -1,5 +1,6 @@
 """The outcome of a search: named terms, the models before and after, and what is left at each joint."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -7,6 +8,10 @@ import pandas as pd
 
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
+from wearscope.closed_loop.inference.answer import Answer
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.status import Marked
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
@@ -14,10 +19,6 @@ from wearscope.closed_loop.model.events import Event
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.evidence import Evidence
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.problem import Problem
-from wearscope.closed_loop.selection.status import Marked
 from wearscope.robots.model import RobotModel
 
 
@@ -28,8 +29,10 @@ class Attribution:
     Attributes
     ----------
     term : ModelTerm
-    evidence : Evidence
-        On training runs held out in turn, given all other terms.
+    share : float
+        Of its joint's held-out loss that it removes.
+    probability : float
+        Of its name, among all that were asked in its place and none.
     equivalent : list of str
         Other names in its confidence set.
     marked : Marked
@@ -39,7 +42,8 @@ class Attribution:
     """
 
     term: ModelTerm
-    evidence: Evidence
+    share: float
+    probability: float
     equivalent: list[str]
     marked: Marked
     withdrawn: str
@@ -67,17 +71,17 @@ class Outcome:
         What is left at each joint.
     worth : list of Worth
         What became of each joint's error.
-    candidates : DataFrame
-        Every candidate of every step.
-    full : list of str
-        Joints that reached the most terms asked for.
     notes : list of str
         On parameters beyond what is possible, and on inertias that are no name.
     problem : Problem
     limits : list of dict of str to float
         By joint, below which share of its torque (RMS) each effect gets no name.
+    answer : Answer
+        The search's.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose rows are left out.
+    late : sequence of Attribution
+        Delays by which channels were moved.
     """
 
     prepared: Prepared
@@ -88,12 +92,17 @@ class Outcome:
     after: Regression
     states: list[JointState]
     worth: list[Worth]
-    candidates: pd.DataFrame
-    full: list[str]
     notes: list[str]
     problem: Problem = field(repr=False)
     limits: list[dict[str, float]]
+    answer: Answer = field(repr=False)
     events: list[Event] = field(default_factory=list)
+    late: Sequence[Attribution] = ()
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """Every candidate conditional on the first and on the last model."""
+        return self.answer.candidates
 
     @cached_property
     def predicted(self) -> list[Predicted]:

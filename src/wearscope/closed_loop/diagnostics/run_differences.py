@@ -10,11 +10,13 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.diagnostics.in_time import Seen
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import rough_columns
 from wearscope.closed_loop.model.prediction import find_repeats
-from wearscope.closed_loop.selection.policy import Policy
 
+#: Standard deviations of chance from which what two runs have in common is there.
+_SURE = 4.0
 #: Signals that what differs may go with, in the order of the gains.
 SIGNALS = ("load_{joint}", "qdd_{joint}", "sign_qd_{joint}", "qd_{joint}")
 
@@ -118,9 +120,7 @@ def see_repeats(
         # What autocorrelated noise gives by chance: the same runs, shifted against each other.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         chance = np.array([float(np.mean(x * np.roll(y, int(k)))) / size for k in shifts])
-        highest = max(
-            (policy.unexpected + 1.0) * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max())
-        )
+        highest = max(_SURE * float(np.sqrt(np.mean(chance**2))), float(np.abs(chance).max()))
         if share > max(policy.structure_share, highest):
             seen.append(Seen(share, [], "it repeats where a run repeats another's motion"))
     return seen

@@ -15,15 +15,18 @@ from wearscope.closed_loop.diagnostics.run_differences import (
     list_train_repeats,
     see_repeats,
 )
+from wearscope.closed_loop.inference.answer import Left
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.series import find_memory, join_blocks
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.prediction import predict_full
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.closed_loop.selection.evidence import Evidence
-from wearscope.closed_loop.selection.motion_dependence import Dependence
-from wearscope.closed_loop.selection.policy import Policy
-from wearscope.closed_loop.selection.significance import find_memory, join_blocks
 
+#: p-value of a difference between runs, over the joints; standard errors of a sum over blocks that is there.
+_LEVEL, _SURE = 0.005, 3.0
+#: Factor of two errors (RMS) from which a model does not carry over to other motions.
+_ALIKE = 1.5
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
 
 
@@ -55,8 +58,7 @@ def judge_joints(
     prepared: Prepared,
     after: Regression,
     named: Sequence[ModelTerm],
-    left: Mapping[int, Evidence],
-    dependence: Mapping[int, Dependence],
+    left: Mapping[int, Left],
     policy: Policy,
     withdrawn: Sequence[tuple[ModelTerm, float, str]] = (),
 ) -> list[JointState]:
@@ -72,10 +74,8 @@ def judge_joints(
         The corrected model.
     named : sequence of ModelTerm
         Of the corrected model.
-    left : mapping of int to Evidence
-        By joint, generic structure that could not be added, or a name whose parameters are unbelievable.
-    dependence : mapping of int to Dependence
-        What depends on the motion, by joint.
+    left : mapping of int to Left
+        By joint, what the search found and could not take.
     policy : Policy
     withdrawn : sequence of (ModelTerm, float, str)
         What was named and is not in the corrected model, with its share of the held-out loss, and why.
@@ -99,8 +99,7 @@ def judge_joints(
         rms = _rms(own, keep)
         inside = [
             *_from_withdrawn(prepared, withdrawn, j),
-            *_from_left(prepared, left, j),
-            *_from_dependence(dependence, j),
+            *([Seen(left[j].share, left[j].depends_on, left[j].reason)] if j in left else []),
             *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
             *see_level(train, own, keep, policy),
@@ -143,39 +142,6 @@ def _from_withdrawn(
     return seen
 
 
-def _from_left(prepared: Prepared, left: Mapping[int, Evidence], joint: int) -> list[Seen]:
-    if joint not in left:
-        return []
-    e = left[joint]
-    effect, joints = e.term.effect, prepared.dataset.joints
-    depends = list(dict.fromkeys(effect.name_signals(e.term.shape, joints, joint)))
-    if effect.empirical:
-        return [Seen(e.fitted, depends, f"structure in {', '.join(depends)}: {e.refusal.value}")]
-    beyond = _list_beyond(e, prepared, joint) or [e.refusal.value]
-    return [Seen(e.fitted, depends, f"{effect.name} would explain it: {', '.join(beyond)}")]
-
-
-def _list_beyond(e: Evidence, prepared: Prepared, joint: int) -> list[str]:
-    """Its parameters that no such machine has, in words."""
-    effect, unit = e.term.effect, prepared.dataset.position_unit[joint]
-    parameters = [*(effect.coefficients[k] for k in e.term.subset), *effect.shape]
-    told = []
-    values, bounds = (*e.beta.tolist(), *e.term.shape), prepared.bound(parameters, joint)
-    for parameter, value, (low, high) in zip(parameters, values, bounds, strict=True):
-        if not low <= value <= high:
-            of = parameter.unit_at(unit, prepared.dataset.torque_unit[joint])
-            told.append(f"{parameter.name} {value:.3g} {of}, not believed beyond {low:g} to {high:g}")
-    return told
-
-
-def _from_dependence(dependence: Mapping[int, Dependence], joint: int) -> list[Seen]:
-    if joint not in dependence:
-        return []
-    one = dependence[joint]
-    on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
-    return [Seen(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")]
-
-
 def _sum_independent(gain: np.ndarray, y: np.ndarray, run: np.ndarray, length: int) -> np.ndarray:
     """Sums of a gain over groups of rows beyond which a residual is not autocorrelated, two at least.
 
@@ -206,7 +172,7 @@ def _from_runs(
     seen = []
     kept = [x[k] for x, k in zip(own, keep, strict=True)]
     share, p_value = compare_offsets(kept)
-    if share >= policy.structure_share and p_value * prepared.moving.sum() <= policy.family_level:
+    if share >= policy.structure_share and p_value * prepared.moving.sum() <= _LEVEL:
         seen.append(Seen(share, [], "its mean differs from run to run"))
     gains = gain_by_halves(train, own, keep, joint)
     best = int(np.argmax(gains.sum(axis=0)))
@@ -215,7 +181,7 @@ def _from_runs(
     sums = _sum_independent(gains[:, best], y, run, max(4, int(4 * prepared.band.torque)))
     share = float(sums.sum() / max((y**2).sum(), 1e-300))
     error = np.sqrt(len(sums) * sums.var(ddof=1))
-    if share >= policy.structure_share and sums.sum() >= policy.unexpected * error:
+    if share >= policy.structure_share and sums.sum() >= _SURE * error:
         name = SIGNALS[best].format(joint=prepared.dataset.joints[joint])
         seen.append(Seen(share, [name], f"what goes with {name} differs from run to run"))
     return seen
@@ -240,14 +206,14 @@ def _from_test(
     """
     test = error / noisier
     train = _rms(own, keep)
-    if not np.isfinite(test) or not train > 0.0 or test < policy.alike * train:
+    if not np.isfinite(test) or not train > 0.0 or test < _ALIKE * train:
         return []
     sizes = [_rms([x], [k]) for x, k in zip(own, keep, strict=True) if k.any()]
     logs = np.log(np.maximum(sizes, 1e-300))
     if len(logs) > 1:
         width = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
-        usual = logs.mean() + stats.t.isf(policy.family_level, len(logs) - 1) * width
-        if np.log(test) < min(usual, logs.max() + 2.0 * np.log(policy.alike)):
+        usual = logs.mean() + stats.t.isf(_LEVEL, len(logs) - 1) * width
+        if np.log(test) < min(usual, logs.max() + 2.0 * np.log(_ALIKE)):
             return []
     # The test error's excess, in units of the training error, as the other shares are.
     share = (test / train) ** 2 - 1.0

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from wearscope.closed_loop.inference.detection_limits import LARGE, say_limit
+from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.selection.detection_limits import LARGE, say_limit
-from wearscope.closed_loop.selection.problem import Problem
 from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
 
 #: Share of the largest speed below which friction falls with speed where there is a Stribeck effect.
@@ -21,7 +21,7 @@ def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -
     ----------
     problem : Problem
     limits : sequence of mapping of str to float
-        By joint, from `wearscope.closed_loop.selection.detection_limits.find_limits`.
+        By joint, from `wearscope.closed_loop.inference.detection_limits.find_limits`.
 
     Returns
     -------

@@ -1,0 +1,332 @@
+"""From a problem to its names, each with its odds and equivalents, and what is left."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from wearscope.closed_loop.inference.detection_limits import find_limits
+from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
+from wearscope.closed_loop.inference.moves import Moves, list_alternatives
+from wearscope.closed_loop.inference.offers import Offer, list_candidates, list_offers
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.score import Model, Score
+from wearscope.closed_loop.inference.splines import PAST, Splines
+from wearscope.closed_loop.inference.term import Term
+from wearscope.closed_loop.model.candidates import make_candidate
+from wearscope.effects.base import MeasurementEffect
+
+#: Times that names and reversals are settled by turns.
+_TURNS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A term that the declared model lacks.
+
+    Attributes
+    ----------
+    term : Term
+    share : float
+        Of the held-out loss at its joint that it removes.
+    probability : float
+        Of its name, among all that were asked in its place and none.
+    equivalent : list of str
+        Names whose odds are as good or nearly.
+    """
+
+    term: Term
+    share: float
+    probability: float
+    equivalent: list[str]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left at a joint that a term could explain, which is not taken.
+
+    Attributes
+    ----------
+    share : float
+        Of the held-out loss.
+    depends_on : list of str
+        Signals.
+    reason : str
+    """
+
+    share: float
+    depends_on: list[str]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search ends with.
+
+    Attributes
+    ----------
+    model : Model
+        The most probable one.
+    score : Score
+    found : list of Found
+        Its terms.
+    left : dict of int to Left
+        By joint.
+    suspected : dict of int to str
+        By joint, a sentence on names that would explain much, and whose odds are too low.
+    """
+
+    model: Model
+    score: Score
+    found: list[Found]
+    left: dict[int, Left]
+    suspected: dict[int, str]
+    _moves: Moves = field(repr=False)
+    _first: Model = field(repr=False)
+
+    @cached_property
+    def candidates(self) -> pd.DataFrame:
+        """Every candidate conditional on the first and on the last model."""
+        tables = [_tabulate(self._moves, one, step) for step, one in enumerate((self._first, self.model))]
+        return pd.concat(tables, ignore_index=True)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem, along the reversals that were found."""
+        return self.model.problem
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Residual scale (n,) by joint."""
+        return self.model.fit.settle_scale()
+
+    @cached_property
+    def limits(self) -> list[dict[str, float]]:
+        """By joint, the share of its torque below which each effect gets no name."""
+        return find_limits(self.model, self.score)
+
+
+def find_terms(
+    problem: Problem,
+    policy: Policy,
+    progress: Callable[[str], None] = lambda _: None,
+    start: Model | None = None,
+) -> Answer:
+    """Terms that a declared model lacks, with names, from the training runs.
+
+    Parameters
+    ----------
+    problem : Problem
+    policy : Policy
+    progress : callable
+        Called with a line of text at each move.
+    start : Model, optional
+        Of the same machine along other data, from whose terms the search goes on.
+
+    Returns
+    -------
+    Answer
+    """
+    n = problem.prepared.n
+    scale = np.maximum(np.sqrt(np.mean(problem.target**2, axis=0)), 1e-9)
+    bare = Model(problem, (), scale)
+    standard = [
+        Term(c, tuple(int(k) for k in c.effect.subsets()[0]))
+        for c in list_candidates(bare, range(n), lambda effect, _: effect.standard)
+    ]
+    splines = Splines(problem.prepared, problem.joined)
+    score = Score(policy, problem.gram.layout)
+    model = Moves(score, splines, progress).settle(bare.has(standard).rescale().rescale(), forms=False)
+    score = Score(policy, problem.gram.layout, model)
+    moves = Moves(score, splines, progress)
+    first = model
+    if start is not None:
+        model = moves.settle(take_over(model.problem, start).rescale().rescale())
+    for _ in range(_TURNS):
+        before = {t.key for t in model.terms}
+        model = moves.settle(moves.suit_laws(moves.climb(model)))
+        if {t.key for t in model.terms} == before:
+            break
+    model = moves.settle(moves.explain_rest(model))
+    past = [t for t in model.terms if t.effect.name == PAST.name]
+    left = {t.joint: _tell_past(problem, model, t) for t in past}
+    model = model.has([t for t in model.terms if t.effect.name != PAST.name])
+    found = [_judge(moves, model, t) for t in model.terms]
+    asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
+    more, suspected = _ask_rest(moves, model, asked)
+    left |= more
+    left |= {
+        j: _tell_dependence(one)
+        for j, one in find_dependence(model.problem, model.fit, asked, policy).items()
+        if j not in left
+    }
+    return Answer(model, score, found, left, suspected, moves, first)
+
+
+def take_over(problem: Problem, start: Model) -> Model:
+    """The terms of another model of the same machine, made along a problem's data.
+
+    An error of the record acts on the torque that the other terms predict, so that it is made last.
+    """
+    terms: list[Term] = []
+    errors = [t for t in start.terms if t.model_term.is_measurement_error]
+    for term in (t for t in start.terms if not t.model_term.is_measurement_error):
+        shape = np.array(term.model_term.shape)
+        made = make_candidate(term.effect, term.joint, problem.prepared, shape[None])
+        made = replace(made, penalty=term.candidate.penalty)
+        if term.effect.empirical:
+            made = replace(made, rows=(made.rows[0][:, : len(term.subset)],))
+        if made.joints:
+            terms.append(replace(term, candidate=made, shape=0))
+    model = Model(problem, tuple(terms), start.sigma)
+    for term in errors:
+        late = any(one.effect is term.effect and one.joint == term.joint for one in problem.late)
+        if not late:
+            assert isinstance(term.effect, MeasurementEffect)
+            made = problem.measurement_candidate(term.effect, term.joint, model.fit)
+            best = int(np.argmax(model.fit.add(made, term.subset).gain))
+            model = model.extend(replace(term, candidate=made, shape=best))
+    return model
+
+
+def _share(given: Model, made: Model, joints: Sequence[int]) -> float:
+    """Largest share of a joint's held-out loss that one model removes of another's."""
+    lost, left = given.fit.held_out, made.fit.held_out
+    return max(float(1.0 - left[j] / max(lost[j], 1e-300)) for j in joints)
+
+
+def _judge(moves: Moves, model: Model, term: Term) -> Found:
+    """A term with its odds against all that was asked in its place."""
+    rest = model.without(term)
+    share = _share(rest, model, term.candidate.joints)
+    against = [moves.score.compare(model, rest)]
+    equivalent = []
+    if not (term.effect.is_in_every_drive or term.effect.empirical):
+        complexity = term.effect.complexity(term.subset)
+        for gain, other, made in list_alternatives(moves, model, term):
+            against.append(gain)
+            near = gain > -moves.score.policy.name_odds or not _is_told_apart(model, made, other)
+            if near and other.effect.complexity(other.subset) <= complexity:
+                equivalent.append(other.effect.name)
+    odds = float(np.sum(np.exp(np.clip(against, -700.0, 700.0))))
+    return Found(term, share, 1.0 / (1.0 + odds), list(dict.fromkeys(equivalent)))
+
+
+def _is_told_apart(better: Model, worse: Model, term: Term) -> bool:
+    """Whether two models' held-out losses differ by more than twice the error of that, by blocks."""
+    layout = better.problem.gram.layout
+    change = np.zeros(len(layout.blocks))
+    for j in term.candidate.joints:
+        squares = [(m.fit.leave_held_out(j) ** 2) * layout.keep[:, j] for m in (better, worse)]
+        change += layout.sum_blocks(squares[1] - squares[0]) * better.fit.weight[j]
+    error = float(np.sqrt(len(change) * max(float(change.var(ddof=1)), 1e-300)))
+    return bool(change.sum() >= 2.0 * error)
+
+
+def _tell_past(problem: Problem, model: Model, term: Term) -> Left:
+    joints = problem.prepared.dataset.joints
+    depends = [name.format(joint=joints[term.joint]) for name in term.effect.depends_on]
+    share = _share(model.without(term), model, [term.joint])
+    told = f"it depends on the past of {', '.join(depends)}, which no model holds"
+    return Left(share, depends, told)
+
+
+def _tell_dependence(one: Dependence) -> Left:
+    on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
+    return Left(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")
+
+
+def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[int, Left], dict[int, str]]:
+    """By joint, what would explain the rest and is not believed, and a sentence on names with low odds."""
+    problem, policy = model.problem, moves.score.policy
+    names = problem.prepared.dataset.joints
+    left: dict[int, Left] = {}
+    suspected: dict[int, str] = {}
+    for joint in joints:
+        able = []
+        for offer in list_offers(model, [joint]):
+            loss = model.fit.fitted[joint] * model.fit.weight[joint]
+            if offer.gain < policy.structure_share * loss or offer.term.effect.standard:
+                continue
+            made = model.extend(offer.term)
+            share, gain = _share(model, made, [joint]), moves.score.compare(model, made)
+            if share < policy.structure_share:
+                continue
+            effect = offer.term.effect
+            if offer.refusal and gain > 0.0 and joint not in left:
+                depends = effect.name_signals(offer.term.model_term.shape, names, joint)
+                told = f"{effect.name} would explain it: {offer.refusal}"
+                left[joint] = Left(share, list(dict.fromkeys(depends)), told)
+            elif not offer.refusal and gain + moves.score.odds(offer.term) > 0.0:
+                able.append((share, effect.name, gain))
+        if able and joint not in left:
+            share, _, gain = max(able)
+            likely = dict.fromkeys(name for _, name, _ in sorted(able, reverse=True))
+            suspected[joint] = (
+                f"{' or '.join(likely)} would remove "
+                f"{100 * share:.0f} % of the squared error that is left; that is too uncertain for a name "
+                f"(odds of {np.exp(min(gain, 0.0)):.2g} to 1), and longer or more training runs can decide it"
+            )
+        for spline in moves.splines.offer(model, joint, moves.score, every=True):
+            made = model.extend(spline)
+            share, gain = _share(model, made, [joint]), moves.score.compare(model, made)
+            if gain > 0.0 and share >= policy.structure_share and joint not in left:
+                signals = spline.effect.name_signals(spline.model_term.shape, names, joint)
+                depends = list(dict.fromkeys(signals))
+                told = f"structure in {', '.join(depends)}: too few runs to show that it carries over"
+                left[joint] = Left(share, depends, told)
+    return left, {j: told for j, told in suspected.items() if j not in left}
+
+
+def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
+    """Each candidate conditional on a model: what held-out runs say of it, and why it was taken or not."""
+    joints = model.problem.prepared.dataset.joints
+    rows = []
+    taken = {t.key for t in model.terms}
+    every = [*_list_taken(model), *((model, o) for o in list_offers(model, range(len(joints))))]
+    for given, offer in every:
+        term = offer.term
+        made = given.extend(term)
+        gain = moves.score.compare(given, made)
+        lost, left = given.fit, made.fit
+        folds = given.problem.gram.layout.units.test
+        better = [
+            sum(left.hold_out(j, f) - lost.hold_out(j, f) for j in term.candidate.joints) < 0.0
+            for f in range(len(folds))
+        ]
+        refusal = offer.refusal or moves.refused.get(term.key, "")
+        rows.append(
+            {
+                "step": step,
+                "joint": joints[term.joint],
+                "effect": term.effect.name,
+                "coefficients": " ".join(term.effect.coefficients[k].name for k in term.subset),
+                "shape": " ".join(f"{v:.6g}" for v in term.model_term.shape),
+                "cv_gain": _share(given, made, term.candidate.joints),
+                "p_value": float(1.0 / (1.0 + np.exp(np.clip(gain, -700.0, 700.0)))),
+                "agreement": float(np.mean(better)),
+                "isolability": offer.sine,
+                "taken": term.key in taken,
+                "reason": "taken"
+                if term.key in taken
+                else (refusal or f"its odds are too low: {gain:.1f} nats"),
+            }
+        )
+    columns = "step joint effect coefficients shape cv_gain p_value agreement isolability taken reason"
+    return pd.DataFrame(rows, columns=columns.split())
+
+
+def _list_taken(model: Model) -> list[tuple[Model, Offer]]:
+    """A model's terms as offers to the model without each."""
+    offers = []
+    for term in model.terms:
+        rest = model.without(term)
+        added = rest.fit.add(term.candidate, term.subset)
+        beta, own = added.beta[term.shape], added.own[term.shape]
+        power = max(float(beta @ own @ beta), 1e-300)
+        sine = float(np.sqrt(max(float(beta @ added.inner[term.shape] @ beta), 0.0) / power))
+        offers.append((rest, Offer(term, beta, float(added.gain[term.shape]), sine, "")))
+    return offers

@@ -1,0 +1,386 @@
+"""Products of columns by unit, made once, and a model's fit from them.
+
+A unit is the rows that the same folds are fitted on and hold out. All that a fit needs of the rows, on all
+of them or with a fold held out, are sums over units of products of columns: `Gram` makes each product once,
+and `Fit` puts a model's together.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from wearscope.closed_loop.inference.layout import Layout
+from wearscope.closed_loop.inference.term import Term
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
+
+#: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
+_TINY = 1e-10
+#: Part of a column, of its square, that a model is taken to leave where it absorbs the column to rounding.
+_ROUNDING = 1e-9
+
+
+class Gram:
+    """Products by unit of the columns that models of a data set are made of.
+
+    Parameters
+    ----------
+    layout : Layout
+    target : ndarray (M, n)
+        Torque to explain.
+    """
+
+    def __init__(self, layout: Layout, target: np.ndarray) -> None:
+        self.layout, self.target = layout, target
+        self.count = np.maximum(layout.keep.sum(axis=0), 1)
+        self._pairs: WeakKeyDictionary[Candidate, WeakKeyDictionary] = WeakKeyDictionary()
+        self._own: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
+        self._scores: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
+
+    @cached_property
+    def power(self) -> np.ndarray:
+        """Squares (U, n) of the target by unit."""
+        out = np.zeros((self.layout.units.count, self.target.shape[1]))
+        squares = self.target**2 * self.layout.keep
+        for unit, part in self.layout.units.segments:
+            out[unit] += squares[part].sum(axis=0)
+        return out
+
+    def _multiply(self, joint: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Products (U, a, b) of columns (M, a) and (M, b) in the rows of a joint that count."""
+        out = np.zeros((self.layout.units.count, x.shape[1], y.shape[1]))
+        y = y * self.layout.keep[:, joint, None]
+        for unit, part in self.layout.units.segments:
+            out[unit] += x[part].T @ y[part]
+        return out
+
+    def cross(self, a: Candidate, b: Candidate, joint: int) -> np.ndarray:
+        """Products (U, k_a, k_b) of the columns of all shapes of two candidates at a joint."""
+        kept = self._pairs.setdefault(a, WeakKeyDictionary()).setdefault(b, {})
+        if joint not in kept:
+            other = self._pairs.get(b)
+            mirrored = None if other is None else other.get(a, {}).get(joint)
+            x, y = (c.rows[c.joints.index(joint)] for c in (a, b))
+            kept[joint] = self._multiply(joint, x, y) if mirrored is None else mirrored.swapaxes(1, 2)
+        return np.asarray(kept[joint])
+
+    def own(self, a: Candidate, joint: int) -> np.ndarray:
+        """Products (U, S, m, m) of the columns of each shape of a candidate with each other."""
+        kept = self._own.setdefault(a, {})
+        if joint not in kept:
+            rows = a.rows[a.joints.index(joint)]
+            shapes, m = len(a.shapes), a.count
+            out = np.zeros((self.layout.units.count, shapes, m, m))
+            masked = rows * self.layout.keep[:, joint, None]
+            for unit, part in self.layout.units.segments:
+                x = masked[part].T.reshape(shapes, m, -1)
+                out[unit] += x @ x.transpose(0, 2, 1)
+            kept[joint] = out
+        return np.asarray(kept[joint])
+
+    def score(self, a: Candidate, joint: int) -> np.ndarray:
+        """Products (U, k_a) of a candidate's columns with the target."""
+        kept = self._scores.setdefault(a, {})
+        if joint not in kept:
+            rows = a.rows[a.joints.index(joint)]
+            kept[joint] = self._multiply(joint, rows, self.target[:, joint, None])[..., 0]
+        return np.asarray(kept[joint])
+
+
+class Fit:
+    """A model's fit: its parameters on all rows and on those of each fold, and what they leave.
+
+    Parameters
+    ----------
+    gram : Gram
+    terms : sequence of Term
+    sigma : ndarray (n,)
+        Residual scale by joint, whose inverse square weighs the rows.
+    base : Fit, optional
+        Fit of the same terms without the last one, from which this one is made.
+    """
+
+    def __init__(
+        self, gram: Gram, terms: Sequence[Term], sigma: np.ndarray, base: "Fit | None" = None
+    ) -> None:
+        self.gram, self.terms, self.sigma, self.base = gram, tuple(terms), sigma, base
+        self.weight = 1.0 / sigma**2
+        n, units = gram.target.shape[1], gram.layout.units.count
+        self.p: int = 0 if base is None else base.p
+        self.spans: list[slice] = [] if base is None else list(base.spans)
+        self.at: list[np.ndarray] = [np.zeros(0, dtype=int)] * n if base is None else list(base.at)
+        self._felt: list[list[int]] = [list(k) for k in ([[]] * n if base is None else base._felt)]
+        none = np.zeros((units, 0, 0)), np.zeros((units, 0))
+        self._grams: list[np.ndarray] = [none[0]] * n if base is None else list(base._grams)
+        self._scores: list[np.ndarray] = [none[1]] * n if base is None else list(base._scores)
+        new = self.terms if base is None else self.terms[-1:]
+        for k, term in enumerate(new, start=len(self.terms) - len(new)):
+            span = slice(self.p, self.p + len(term.subset))
+            self.spans.append(span)
+            self.p = span.stop
+            for j in term.candidate.joints:
+                self._grams[j], self._scores[j] = self._extend(j, term)
+                self.at[j] = np.concatenate([self.at[j], np.arange(span.start, span.stop)])
+                self._felt[j].append(k)
+
+    def _extend(self, joint: int, term: Term) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix (U, k, k) and right side (U, k) of a joint with a term more, not weighed."""
+        gram, k, m = self.gram, len(self.at[joint]), len(term.subset)
+        own = np.empty((len(self._grams[joint]), k + m, k + m))
+        own[:, :k, :k] = self._grams[joint]
+        start = 0
+        for other in (self.terms[i] for i in self._felt[joint]):
+            part = gram.cross(term.candidate, other.candidate, joint)[:, term.columns[:, None], other.columns]
+            stop = start + len(other.subset)
+            own[:, k:, start:stop], own[:, start:stop, k:] = part, part.swapaxes(1, 2)
+            start = stop
+        own[:, k:, k:] = gram.cross(term.candidate, term.candidate, joint)[
+            :, term.columns[:, None], term.columns
+        ]
+        return own, np.concatenate(
+            [self._scores[joint], gram.score(term.candidate, joint)[:, term.columns]], axis=1
+        )
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """Normal matrix (U, P, P) by unit, weighed."""
+        out = np.zeros((self.gram.layout.units.count, self.p, self.p))
+        for k, own, weight in zip(self.at, self._grams, self.weight, strict=True):
+            out[:, k[:, None], k] += own * weight
+        return out
+
+    @cached_property
+    def score(self) -> np.ndarray:
+        """Right side (U, P) by unit, weighed."""
+        out = np.zeros((self.gram.layout.units.count, self.p))
+        for k, score, weight in zip(self.at, self._scores, self.weight, strict=True):
+            out[:, k] += score * weight
+        return out
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Prior precision (P, P)."""
+        size = np.zeros(self.p)
+        for k, own, weight in zip(self.at, self._grams, self.weight, strict=True):
+            size[k] += np.einsum("uii->i", own) * weight
+        out = np.diag(_TINY * np.maximum(size, 1e-12))
+        for term, span in zip(self.terms, self.spans, strict=True):
+            if term.candidate.penalty is not None:
+                out[span, span] += term.penalty / self._scale_of(term.candidate)
+        return out
+
+    def _scale_of(self, candidate: Candidate) -> float:
+        """Residual variance in which a candidate's prior is; one where it is absolute."""
+        return float(self.sigma[candidate.joint] ** 2) if candidate.effect.empirical else 1.0
+
+    def _solve(
+        self, units: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse (P, P) of the normal matrix on units (U,), and the parameters (P,).
+
+        Parameters
+        ----------
+        units : ndarray (U,)
+        given : (ndarray, ndarray) or None
+            The same of the base, from which they follow by the last term's Schur complement.
+        """
+        if given is None:
+            a = np.tensordot(units, self.normal, 1) + self.prior
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+            inverse = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale) if self.p else a
+            return inverse, inverse @ (units @ self.score)
+        term, span = self.terms[-1], self.spans[-1]
+        cross, own = np.zeros((self.p, len(term.subset))), self.prior[span, span].copy()
+        score = np.zeros(len(term.subset))
+        for j in term.candidate.joints:
+            k, m = len(self.at[j]), len(term.subset)
+            part = np.tensordot(units, self._grams[j][:, :, k - m :], 1) * self.weight[j]
+            cross[self.at[j][: k - m]] += part[: k - m]
+            own += part[k - m :]
+            score += units @ self._scores[j][:, k - m :] * self.weight[j]
+        inverse, theta = given
+        cross = cross[: span.start]
+        onto = inverse @ cross
+        inner = own - cross.T @ onto
+        inner = 0.5 * (inner + inner.T)
+        np.einsum("mm->m", inner)[...] += _ROUNDING * np.diag(own) + 1e-300
+        schur = np.linalg.inv(inner)
+        beta = schur @ (score - cross.T @ theta)
+        grown = np.empty((self.p, self.p))
+        grown[: span.start, : span.start] = inverse + onto @ schur @ onto.T
+        grown[: span.start, span] = -onto @ schur
+        grown[span, : span.start] = grown[: span.start, span].T
+        grown[span, span] = schur
+        return grown, np.concatenate([theta - onto @ beta, beta])
+
+    @cached_property
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse normal matrix (P, P) and parameters (P,) on all rows."""
+        given = None if self.base is None else self.base.whole
+        return self._solve(np.ones(self.gram.layout.units.count), given)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Parameters (P,) on all rows."""
+        return self.whole[1]
+
+    @cached_property
+    def by_fold(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The same with each fold's rows held out."""
+        folds = self.gram.layout.units.train
+        given = [None] * len(folds) if self.base is None else self.base.by_fold
+        return [self._solve(units, one) for units, one in zip(folds, given, strict=True)]
+
+    def coefficients(self, term: Term) -> np.ndarray:
+        """Coefficients (m,) of a term of the model."""
+        k = next(k for k, t in enumerate(self.terms) if t is term)
+        return self.theta[self.spans[k]]
+
+    def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> float:
+        """Sum of squares that parameters leave at a joint on units (U,)."""
+        k = self.at[joint]
+        own = np.tensordot(units, self._grams[joint], 1)
+        left = units @ self.gram.power[:, joint] - 2.0 * (units @ self._scores[joint]) @ theta[k]
+        return max(float(left + theta[k] @ own @ theta[k]), 0.0)
+
+    @cached_property
+    def fitted(self) -> np.ndarray:
+        """Sum of squares (n,) that the model leaves of all rows."""
+        ones = np.ones(self.gram.layout.units.count)
+        return np.array([self._measure(j, ones, self.theta) for j in range(len(self.at))])
+
+    @cached_property
+    def held_out(self) -> np.ndarray:
+        """Sum of squares (n,) that it leaves of rows that are held out."""
+        folds = range(len(self.by_fold))
+        return np.array([sum(self.hold_out(j, f) for f in folds) for j in range(len(self.at))])
+
+    def hold_out(self, joint: int, fold: int) -> float:
+        """Sum of squares that it leaves of a joint's rows that a fold holds out."""
+        return self._measure(joint, self.gram.layout.units.test[fold], self.by_fold[fold][1])
+
+    @cached_property
+    def energy(self) -> float:
+        """Squared distance of bodies' parameters from what is expected, in standard deviations."""
+        spans = [s for t, s in zip(self.terms, self.spans, strict=True) if t.effect.spread]
+        return float(sum(self.theta[s] @ self.prior[s, s] @ self.theta[s] for s in spans))
+
+    def columns(self, joint: int) -> np.ndarray:
+        """Columns (M, k) of the model at a joint."""
+        parts = [self.terms[k].at_joint(joint) for k in self._felt[joint]]
+        return np.concatenate([*parts, np.zeros((len(self.gram.target), 0))], axis=1)
+
+    def predict(self, joint: int) -> np.ndarray:
+        """Torque (M,) of the model at a joint."""
+        if joint not in self._predicted:
+            self._predicted[joint] = self.columns(joint) @ self.theta[self.at[joint]]
+        return self._predicted[joint]
+
+    @cached_property
+    def _predicted(self) -> dict[int, np.ndarray]:
+        return {}
+
+    def leave(self, joint: int) -> np.ndarray:
+        """Torque (M,) that the model leaves at a joint."""
+        return np.asarray(self.gram.target[:, joint] - self.predict(joint))
+
+    def leave_held_out(self, joint: int) -> np.ndarray:
+        """The same with each row's fold held out."""
+        left, columns = self.gram.target[:, joint].copy(), self.columns(joint)
+        for rows, (_, theta) in zip(self.gram.layout.units.test_rows, self.by_fold, strict=True):
+            left[rows] -= columns[rows] @ theta[self.at[joint]]
+        return np.asarray(left)
+
+    def settle_scale(self) -> np.ndarray:
+        """Residual scale (n,) by which the model is weighed and which it then leaves.
+
+        What is felt at several joints is fitted to each of them by its weight, which is what that leaves
+        there: the likelihood's maximum over both, by turns (Oberhofer and Kmenta 1974, Econometrica 42(3)).
+        """
+        if not any(len(term.candidate.joints) > 1 for term in self.terms):
+            return np.asarray(np.sqrt(np.maximum(self.fitted / self.gram.count, 1e-18)))
+        grams = [own.sum(axis=0) * w for own, w in zip(self._grams, self.weight, strict=True)]
+        scores = [one.sum(axis=0) * w for one, w in zip(self._scores, self.weight, strict=True)]
+        powers = self.gram.power.sum(axis=0) * self.weight
+        relative = np.ones(len(grams))
+        for _ in range(ROUNDS):
+            a, b = self.prior.copy(), np.zeros(self.p)
+            for k, own, score, width in zip(self.at, grams, scores, relative, strict=True):
+                a[np.ix_(k, k)] += own / width**2
+                b[k] += score / width**2
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+            theta = scale * np.linalg.solve(a * np.outer(scale, scale), scale * b)
+            left = [
+                power - 2.0 * score @ theta[k] + theta[k] @ own @ theta[k]
+                for k, own, score, power in zip(self.at, grams, scores, powers, strict=True)
+            ]
+            before = relative
+            relative = np.sqrt(np.maximum(np.array(left) / self.gram.count, 1e-18))
+            if np.all(np.abs(relative - before) <= SETTLED * before):
+                break
+        return np.asarray(np.maximum(relative * self.sigma, 1e-9))
+
+    def know_elsewhere(self, joint: int) -> np.ndarray:
+        """Information on the parameters felt at a joint, by the prior and by all other joints' rows."""
+        k = self.at[joint]
+        rest = np.setdiff1d(np.arange(self.p), k)
+        a = self.normal.sum(axis=0) + self.prior
+        a[np.ix_(k, k)] -= self._grams[joint].sum(axis=0) * self.weight[joint]
+        if not len(rest):
+            return np.asarray(a[np.ix_(k, k)])
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(a)[rest], 1e-300))
+        inner = a[np.ix_(rest, rest)] * np.outer(scale, scale)
+        onto = a[np.ix_(rest, k)] * scale[:, None]
+        return np.asarray(a[np.ix_(k, k)] - onto.T @ np.linalg.solve(inner, onto))
+
+    def add(self, candidate: Candidate, subset: Sequence[int]) -> "Added":
+        """What each shape of a candidate adds to the fit on all rows (Frisch, Waugh and Lovell).
+
+        Parameters
+        ----------
+        candidate : Candidate
+        subset : sequence of int
+            Coefficients in use.
+        """
+        shapes, m = len(candidate.shapes), candidate.count
+        pick = list(subset)
+        cross = np.zeros((shapes, len(pick), self.p))
+        own = np.zeros((shapes, len(pick), len(pick)))
+        score = np.zeros((shapes, len(pick)))
+        for j in candidate.joints:
+            w = self.weight[j]
+            for k in self._felt[j]:
+                term = self.terms[k]
+                both = self.gram.cross(candidate, term.candidate, j).sum(axis=0)[:, term.columns]
+                cross[:, :, self.spans[k]] += w * both.reshape(shapes, m, -1)[:, pick]
+            own += w * self.gram.own(candidate, j).sum(axis=0)[:, pick][..., pick]
+            score += w * self.gram.score(candidate, j).sum(axis=0).reshape(shapes, m)[:, pick]
+        power = np.einsum("smm->sm", own)
+        if candidate.penalty is not None:
+            own = own + candidate.penalty[np.ix_(pick, pick)] / self._scale_of(candidate)
+        inverse, theta = self.whole
+        inner = own - cross @ inverse @ cross.swapaxes(1, 2)
+        inner = 0.5 * (inner + inner.swapaxes(1, 2))
+        np.einsum("smm->sm", inner)[...] += _ROUNDING * power + 1e-300
+        reduced = score - cross @ theta
+        beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
+        return Added(beta, (reduced * beta).sum(axis=1), inner, own)
+
+
+class Added:
+    """What each shape of a candidate adds to a fit.
+
+    Attributes
+    ----------
+    beta : ndarray (S, m)
+        Its coefficients.
+    gain : ndarray (S,)
+        Reduction of the sum of squares, in residual variances.
+    inner, own : ndarray (S, m, m)
+        Its normal matrix with the model projected out, and without.
+    """
+
+    def __init__(self, beta: np.ndarray, gain: np.ndarray, inner: np.ndarray, own: np.ndarray) -> None:
+        self.beta, self.gain, self.inner, self.own = beta, gain, inner, own

@@ -1,0 +1,404 @@
+"""Moves that raise the score of a model: add, drop and swap terms and refine their shapes."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.inference.delays import is_lag, lags_away_from_reversals, lags_slow_torque
+from wearscope.closed_loop.inference.laws import fit_law, is_law
+from wearscope.closed_loop.inference.offers import Offer, is_believable, list_offers, may_gain
+from wearscope.closed_loop.inference.reversal import is_wide, refine_reversals
+from wearscope.closed_loop.inference.score import Model, Score
+from wearscope.closed_loop.inference.splines import Splines
+from wearscope.closed_loop.inference.term import Term, find_reach
+from wearscope.closed_loop.intake.direction import Reversals
+from wearscope.closed_loop.model.candidates import make_candidate
+
+#: Offers that are scored at each step, of what gains most on the rows it is fitted on.
+TOP = 8
+#: Offers of a joint that are tried in pairs.
+_PAIRED = 6
+#: Most moves; far more than any model of a robot has terms.
+_MOST = 200
+#: Change of a reversal's width, of itself, from which columns are made anew.
+_SETTLED = 0.01
+_NO_DELAY = "no delay: it differs away from reversals or at low frequencies"
+#: Nats by which a name must raise the score: odds of three to one on top of its prior's.
+SURELY = 1.0
+
+
+@dataclass
+class Moves:
+    """Moves from a model on.
+
+    Attributes
+    ----------
+    score : Score
+    splines : Splines
+        Structure without a name.
+    progress : callable
+        Called with a line of text at each move.
+    refused : dict of tuple to str
+        Terms that are not offered again, and why.
+    left : set of frozenset
+        Terms of models that were left.
+    without : frozenset of str
+        Names of effects that are not offered.
+    """
+
+    score: Score
+    splines: Splines
+    progress: Callable[[str], None]
+    refused: dict[tuple, str] = field(default_factory=dict)
+    left: set[frozenset] = field(default_factory=set)
+    without: frozenset[str] = frozenset()
+
+    def climb(self, model: Model) -> Model:
+        """The model that no single move makes more probable.
+
+        Pairs of models are compared, so that no order of all of them is sure: no term is added or exchanged
+        that makes a model which was left.
+        """
+        for _ in range(_MOST):
+            moved = (
+                self.drop(model, lambda term: not term.effect.is_plain_friction)
+                or self.add(model)
+                or self.drop(model)
+                or self.swap(model)
+                or self.add_pair(model)
+                or self.split(model)
+                or self.refuse_delays(model)
+            )
+            if moved is None:
+                return model
+            self.left.add(model.keys)
+            model = moved
+        return model
+
+    def is_new(self, model: Model) -> bool:
+        """Whether no model with the same terms was left."""
+        return model.keys not in self.left
+
+    def refuse_delays(self, model: Model) -> Model | None:
+        """A model without a delay that is none at low frequencies; it is not offered again."""
+        for term in (t for t in model.terms if is_lag(t.effect)):
+            rest = model.without(term)
+            if not lags_slow_torque(rest.fit, term):
+                self.refused[term.key] = _NO_DELAY
+                self.progress(f"dropped {term.model_term.label}: {_NO_DELAY}")
+                return rest.rescale()
+        return None
+
+    def settle(self, model: Model, forms: bool = True) -> Model:
+        """The same with the widths and forms of reversals fitted, its columns made anew along them."""
+        old = model.problem.prepared.reversals
+        fitted = refine_reversals(model.problem.prepared, model.fit, forms)
+        moved = fitted.differ(old, _SETTLED)
+        return reverse_over(model, fitted.where(moved, old)).rescale() if moved.any() else model
+
+    def tell(self, verb: str, term: Term, gain: float) -> None:
+        """A line on a move."""
+        self.progress(f"{verb} {term.model_term.label}: {gain:.1f} nats")
+
+    def drop(self, model: Model, may_go: Callable[[Term], bool] = lambda term: True) -> Model | None:
+        """A model without one of the terms, where that is more probable.
+
+        What is missing yet can hide plain friction, which others refine: it goes once nothing else is added.
+        """
+        for term in sorted(filter(may_go, model.terms), key=lambda t: t.effect.standard):
+            rest = model.without(term)
+            if not is_complete(rest) or _carries_spline(rest, term):
+                continue
+            gain = self.score.compare(model, rest)
+            if gain > -_demand(term):
+                self.tell("dropped", term, gain)
+                return rest.rescale()
+        return None
+
+    def add(self, model: Model) -> Model | None:
+        """A model with the best term more at each group of coupled joints, where that is more probable."""
+        n = model.problem.prepared.n
+        offers = self.list_offers(model, range(n))
+        taken, reached = model, set[int]()
+        for group in _list_groups(model):
+            own = [o for o in offers if group & set(o.term.candidate.joints)]
+            best, gain = self.choose(model, own[: 2 * TOP], model)
+            joints = find_reach(model.fit.terms, best.candidate.joints) if best else set()
+            if best is None or joints & reached:
+                continue
+            reached |= joints
+            self.tell("added", best, gain)
+            taken = self.refine(taken.extend(best), best)
+        return taken.rescale() if taken is not model else None
+
+    def add_pair(self, model: Model) -> Model | None:
+        """A model with two terms more at a joint, which hide each other, where that is more probable."""
+        best, most = None, 2.0 * SURELY
+        offers = self.list_offers(model, range(model.problem.prepared.n))
+        for joint in range(model.problem.prepared.n):
+            own = [o.term for o in offers if o.term.joint == joint and not o.refusal][:_PAIRED]
+            for one, two in combinations(own, 2):
+                made = model.extend(one).extend(two)
+                if one.effect is two.effect or not self.is_new(made):
+                    continue
+                gain = self.score.compare(model, made)
+                sound = gain > most and self.is_sound(model, made, one) and self.is_sound(model, made, two)
+                if sound:
+                    best, most = made, gain
+        if best is None:
+            return None
+        self.tell(f"added with {best.terms[-2].model_term.label}", best.terms[-1], most)
+        return self.refine(self.refine(best, best.terms[-2]), best.terms[-1]).rescale()
+
+    def swap(self, model: Model) -> Model | None:
+        """A model with another term in the place of one, where that is more probable."""
+        last = model.problem.prepared.n - 1
+        for term in [t for t in model.terms if not t.effect.is_in_every_drive]:
+            rest = model.without(term)
+            if not is_complete(rest):
+                continue
+            reach = find_reach(rest.fit.terms, term.candidate.joints)
+            offers = [
+                o
+                for o in self.list_offers(rest, sorted(reach | {last}))
+                if o.term.key != term.key and set(o.term.candidate.joints) & reach
+            ]
+            best, gain = self.choose(rest, offers[:TOP], model)
+            if best is not None and gain > SURELY:
+                self.progress(
+                    f"{term.model_term.label} is replaced by {best.model_term.label}: {gain:.1f} nats"
+                )
+                return self.refine(rest.extend(best), best).rescale()
+        return None
+
+    def split(self, model: Model) -> Model | None:
+        """A model with several terms in the place of one of the whole robot, where that is more probable.
+
+        Its many parameters follow what several joints have, of which each alone explains a part.
+        """
+        for term in [t for t in model.terms if t.effect.per_robot and t.effect.name not in self.without]:
+            rest = model.without(term)
+            apart = replace(self, without=self.without | {term.effect.name}, left=set(self.left))
+            tried = apart.climb(rest)
+            gain = self.score.compare(model, tried)
+            if gain > SURELY and self.is_new(tried):
+                self.progress(f"{term.model_term.label} is replaced by several terms: {gain:.1f} nats")
+                return tried
+        return None
+
+    def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
+        """Offers that may gain, of effects that are not left out."""
+        asks = lambda effect, _: effect.name not in self.without  # noqa: E731
+        return [o for o in list_offers(model, joints, asks) if may_gain(self.score, model, o)]
+
+    def choose(self, base: Model, offers: Iterable[Offer], reference: Model) -> tuple[Term | None, float]:
+        """The offer that makes a model most probable, and by how many nats more than a reference."""
+        best, most = None, 0.0
+        for offer in offers:
+            if offer.refusal:
+                continue
+            made = base.extend(offer.term)
+            if not self.is_new(made):
+                continue
+            gain = self.score.compare(reference, made)
+            if gain > max(most, _demand(offer.term)) and self.is_sound(base, made, offer.term):
+                best, most = offer.term, gain
+        return best, most
+
+    def is_sound(self, given: Model, made: Model, term: Term) -> bool:
+        """Whether a term's parameters are believed in the whole model; a delay's away from reversals too."""
+        if not is_believable(made, term):
+            return False
+        if not is_lag(term.effect):
+            return True
+        if term.key not in self.refused:
+            speed = given.problem.at_rows("v")[:, term.joint]
+            if lags_away_from_reversals(given.fit, term, speed):
+                return True
+            self.refused[term.key] = _NO_DELAY
+        return False
+
+    def refine(self, model: Model, term: Term) -> Model:
+        """The model with a term's continuous shape where it fits best."""
+        rest = model.without(term)
+        fine = refine_shape(rest, term)
+        made = rest.extend(fine)
+        return made if fine is term or is_believable(made, fine) else model
+
+    def suit_laws(self, model: Model) -> Model:
+        """The model with the most probable laws of friction, each with the reversal that suits it."""
+        prepared = model.problem.prepared
+        for joint in np.flatnonzero(prepared.moving & (prepared.reversals.width > 0.0)).tolist():
+            own = [t for t in model.terms if t.joint == joint and is_law(t.effect)]
+            none: list[Term | None] = [None] if self.asks_for_law(model, joint) else []
+            for term in own or none:
+                model = self.suit_law(model, joint, term)
+        return model
+
+    def asks_for_law(self, model: Model, joint: int) -> bool:
+        """Whether a joint's reversal is too wide for one, or a law would explain more than a form's error."""
+        offers = list_offers(model, [joint], lambda effect, _: is_law(effect))
+        share = self.score.policy.form_error * model.fit.fitted[joint] * model.fit.weight[joint]
+        wide = is_wide(model.problem.prepared, joint)
+        return wide or any(o.gain > share for o in offers)
+
+    def suit_law(self, model: Model, joint: int, term: Term | None) -> Model:
+        """The model with the most probable law in the place of a joint's, and its reversal."""
+        problem, best, most = model.problem, model, SURELY
+        rest = model if term is None else model.without(term)
+        offers = {o.term.effect.name: o.term for o in list_offers(rest, [joint], lambda e, _: is_law(e))}
+        for offered in offers.values():
+            effect = offered.effect
+            shapes = effect.shapes(problem.joined, joint)
+            fitted = fit_law(problem.prepared, model.fit, joint, term, effect, shapes)
+            if fitted is None:
+                continue
+            shape, reversals = fitted
+            along = reverse_over(rest, reversals)
+            candidate = make_candidate(effect, joint, along.problem.prepared, shape[None])
+            law = Term(candidate, tuple(range(candidate.count)), 0, offered.alternatives)
+            made = along.extend(law).rescale()
+            gain = self.score.compare(model, made)
+            if gain > most and is_believable(made, law):
+                best, most = made, gain
+        if best is not model:
+            self.tell("with a reversal of its own:", best.terms[-1], most)
+        return best
+
+    def explain_rest(self, model: Model) -> Model:
+        """The model with splines where no name explains what is left, or one does better than a name."""
+        for joint in np.flatnonzero(model.problem.prepared.moving).tolist():
+            for _ in range(_MOST):
+                moved = self.add_spline(model, joint)
+                if moved is None:
+                    break
+                model = self.climb(moved)
+        return model
+
+    def add_spline(self, model: Model, joint: int) -> Model | None:
+        """A model with a spline at a joint, added or in the place of a name, where that is more probable."""
+        names = [
+            t for t in model.terms if t.joint == joint and not t.effect.standard and not t.effect.empirical
+        ]
+        for base, name in [(model, None), *((model.without(t), t) for t in names)]:
+            if not is_complete(base):
+                continue
+            best, most = None, 0.0
+            for spline in self.splines.offer(base, joint, self.score, past=name is not None):
+                made = base.extend(spline)
+                if not self.is_new(made):
+                    continue
+                gain = self.score.compare(model, made)
+                share = 1.0 - made.fit.held_out[joint] / max(base.fit.held_out[joint], 1e-300)
+                if gain > max(most, SURELY) and share >= self.score.policy.structure_share:
+                    best, most = made, gain
+            if best is not None:
+                instead = "" if name is None else f" in the place of {name.model_term.label}"
+                self.tell(f"structure without a name{instead}:", best.terms[-1], most)
+                self.left.add(model.keys)
+                return best.rescale()
+        return None
+
+
+def _demand(term: Term) -> float:
+    """Nats by which a term must raise the score."""
+    return 0.0 if term.effect.is_in_every_drive else SURELY
+
+
+def is_complete(model: Model) -> bool:
+    """Whether each term that refines another one has it in the model."""
+    given, base = model.problem.given, model.problem.base
+    for term in model.terms:
+        others = [t.effect for t in (*base, *model.terms) if t.joint == term.joint and t is not term]
+        if not term.effect.empirical and not term.effect.has_parent([*given, *others]):
+            return False
+    return True
+
+
+def _carries_spline(rest: Model, term: Term) -> bool:
+    """Whether a term is plain friction of a joint with a spline, which would take its place."""
+    return term.effect.is_in_every_drive and any(
+        t.effect.empirical for t in rest.terms if t.joint == term.joint
+    )
+
+
+def _list_groups(model: Model) -> list[set[int]]:
+    """Joints that a model couples, as sets."""
+    groups: list[set[int]] = []
+    for joint in range(model.problem.prepared.n):
+        if not any(joint in group for group in groups):
+            groups.append(find_reach(model.fit.terms, [joint]))
+    return groups
+
+
+def reverse_over(model: Model, reversals: Reversals) -> Model:
+    """The same terms along frictions that reverse in another way."""
+    problem = model.problem.reverse_over(reversals)
+    return Model(problem, tuple(problem.remake(t) for t in model.terms), model.sigma)
+
+
+def refine_shape(given: Model, term: Term) -> Term:
+    """A term at the continuous shape that fits best with a model, from the best value of its grid on.
+
+    Parameters
+    ----------
+    given : Model
+        Without the term.
+    term : Term
+    """
+    effect, joint, problem = term.effect, term.joint, given.problem
+    if effect.search is None or effect.name_driver is not None or effect.empirical:
+        return term
+    grid = effect.shapes(problem.joined, joint)
+    first = effect.estimated_shapes()
+    # The estimated one again once the others have moved.
+    others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
+    shape = np.array(term.model_term.shape)
+
+    def make(tried: np.ndarray) -> Term:
+        candidate = make_candidate(effect, joint, problem.prepared, tried[None])
+        return replace(term, candidate=candidate, shape=0)
+
+    def lose(tried: np.ndarray) -> float:
+        made = make(tried)
+        return -float(given.fit.add(made.candidate, made.subset).gain[0])
+
+    start = lose(shape)
+    least = start
+    # In the logarithm, so that what can be nothing or negative stays as it is.
+    for k in [*first[:1], *others, *(first[:1] if others else [])]:
+        if not (grid[:, k].min() > 0.0 and shape[k] > 0.0):
+            continue
+        low, high = np.log(grid[:, k].min() / shape[k]), np.log(grid[:, k].max() / shape[k])
+        if k in first:
+            width = effect.width(problem.joined, joint, shape.tolist())
+            low = max(-width, float(np.log(max(effect.shape[k].lower, 1e-12) / shape[k])))
+            high = min(width, float(np.log(min(effect.shape[k].upper, 1e12) / shape[k])))
+        unit = np.arange(len(shape)) == k
+        found = optimize.minimize_scalar(
+            lambda x, at=shape, unit=unit: lose(at * np.exp(x * unit)),
+            bounds=(low, high), method="bounded", options={"maxiter": 10, "xatol": 1e-3 * (high - low)},
+        )  # fmt: skip
+        if found.fun < least:
+            shape, least = shape * np.exp(found.x * unit), float(found.fun)
+    return make(shape) if least < start else term
+
+
+def list_alternatives(moves: Moves, model: Model, term: Term) -> list[tuple[float, Term, Model]]:
+    """Other terms in the place of one, by how many nats more probable they make the model."""
+    rest = model.without(term)
+    if not is_complete(rest):
+        return []
+    last = model.problem.prepared.n - 1
+    joints: Sequence[int] = range(last + 1) if term.effect.spread else sorted({term.joint, last})
+    felt = set(term.candidate.joints)
+    offers = [
+        o
+        for o in list_offers(rest, joints)
+        if o.term.effect.name != term.effect.name and felt & set(o.term.candidate.joints) and not o.refusal
+    ]
+    made = [(o.term, rest.extend(o.term)) for o in offers[: 2 * TOP]]
+    return [(moves.score.compare(model, m), t, m) for t, m in made if moves.is_sound(rest, m, t)]

@@ -1,0 +1,151 @@
+"""What a model may be extended by: candidates that apply, with the coefficients that make sense."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.score import Model, Score
+from wearscope.closed_loop.inference.term import Term
+from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.effects.base import Effect, MeasurementEffect
+
+#: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.
+_CANCELS = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """A term that a model may be extended by.
+
+    Attributes
+    ----------
+    term : Term
+    beta : ndarray (m,)
+        Its coefficients with the model.
+    gain : float
+        Reduction of the sum of squares on all rows, in residual variances.
+    sine : float
+        Of the angle between its torque and the model.
+    refusal : str
+        Why it is not taken whatever its score; empty where nothing speaks against it.
+    """
+
+    term: Term
+    beta: np.ndarray
+    gain: float
+    sine: float
+    refusal: str
+
+
+def list_candidates(
+    model: Model,
+    joints: Iterable[int],
+    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+) -> list[Candidate]:
+    """Candidates that a model has not, nor contains, with their parents, where they apply.
+
+    In a single run temperature is a function of time, so that next to one term that goes with either another
+    would be its form.
+    """
+    problem, fit = model.problem, model.fit
+    present: list[list[Effect]] = [list(problem.given) for _ in range(problem.prepared.n)]
+    for term in fit.terms:
+        present[term.joint].append(term.effect)
+    alone = not problem.layout.folds.by_run
+    thermal = {t.joint for t in model.terms if alone and t.effect.is_thermal}
+    made = []
+    for joint in joints:
+        there = present[joint]
+        for effect in problem.effects:
+            if not asks(effect, joint) or not problem.prepared.moving[joint]:
+                continue
+            if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
+                continue
+            if not effect.has_parent(there) or (joint in thermal and effect.is_thermal):
+                continue
+            # Structure without a name has a level of its own.
+            if effect.is_offset and any(e.empirical for e in there):
+                continue
+            if isinstance(effect, MeasurementEffect):
+                candidate: Candidate | None = problem.measurement_candidate(effect, joint, fit)
+            elif effect.periodic:
+                candidate = problem.periodic_candidate(effect, joint, fit.leave(joint))
+            else:
+                candidate = problem.candidate(effect, joint)
+            if candidate is not None:
+                made.append(candidate)
+    return made
+
+
+def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
+    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
+
+    Those of a body are held by a prior.
+    """
+    if not by_run and not effect.per_robot:
+        return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
+    names = [p.name for p in effect.coefficients]
+    richer = [tuple(sorted(names.index(name) for name in extension)) for extension in effect.extensions]
+    return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
+
+
+def list_offers(
+    model: Model,
+    joints: Iterable[int],
+    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+) -> list[Offer]:
+    """The best shape of each candidate and subset conditional on a model, what gains most first."""
+    problem, fit = model.problem, model.fit
+    by_run = problem.layout.folds.by_run
+    candidates = list_candidates(model, joints, asks)
+    tried: dict[int, float] = {}
+    for c in candidates:
+        count = 1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
+        tried[c.joint] = tried.get(c.joint, 0.0) + count
+    offers = []
+    for c in candidates:
+        for subset in list_subsets(c.effect, by_run):
+            added = fit.add(c, subset)
+            s = int(np.argmax(added.gain))
+            beta, own = added.beta[s], added.own[s]
+            power = max(float(beta @ own @ beta), 1e-300)
+            sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
+            term = Term(c, subset, s, tried[c.joint])
+            cancels = c.penalty is None and (
+                np.sqrt(np.maximum(np.diag(own), 0.0) * beta**2 / power).max() > _CANCELS or sine < 1e-3
+            )
+            refusal = _refuse(problem, term, beta) or ("its columns cancel each other" if cancels else "")
+            offers.append(Offer(term, beta, float(added.gain[s]), sine, refusal))
+    return sorted(offers, key=lambda o: -o.gain / np.sqrt(len(o.term.subset)))
+
+
+def _refuse(problem: Problem, term: Term, beta: np.ndarray) -> str:
+    """Why a term's parameters are not believed; empty where they are."""
+    made = term.model_term
+    values = (*beta.tolist(), *made.shape)
+    if not all(low <= x <= high for x, (low, high) in zip(values, problem.bounds(made), strict=True)):
+        return "a parameter is outside its believable bounds"
+    return "" if abs(float(beta[0])) >= problem.least(made) else "smaller than can be believed"
+
+
+def is_believable(model: Model, term: Term) -> bool:
+    """Whether a term's parameters are believed in a whole model."""
+    return not _refuse(model.problem, term, model.fit.coefficients(term))
+
+
+def may_gain(score: Score, model: Model, offer: Offer) -> bool:
+    """Whether what an offer gains on the rows it is fitted on could outweigh its cost at all."""
+    fit, policy = model.fit, score.policy
+    joints = list(offer.term.candidate.joints)
+    loss = float((fit.fitted[joints] * fit.weight[joints]).min())
+    most = 0.5 * policy.most_rows * len(joints) * -np.log(max(1.0 - offer.gain / max(loss, 1e-300), 1e-6))
+    # A body may also relieve the links of what they had to be without it.
+    relief = 0.5 * offer.gain if offer.term.effect.spread else 0.0
+    return bool(max(most, relief) > score.odds(offer.term) + 0.5 * score.count(offer.term) * np.log(30.0))
+
+
+def widen(term: Term, alternatives: float) -> Term:
+    """The same term, chosen from so many alternatives."""
+    return replace(term, alternatives=alternatives)

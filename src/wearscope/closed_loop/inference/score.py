@@ -1,0 +1,210 @@
+"""The score: by how many nats one whole model is more probable than another.
+
+    ln BF = sum_j nu_j / 2 * ln((L_j(a) + f_j) / (L_j(b) + f_j)) + (E(a) - E(b)) / 2 - (cost(b) - cost(a))
+
+- L_j: loss of joint j on rows that are held out: runs in turn, or fifths where there are fewer than three.
+- f_j: form error, a share of what the standard model leaves there (`Score.find_form`).
+- nu_j: independent rows in the direction in which the two models differ there: rows over the design effect of
+  that direction, and no more than `most_rows`.
+- E: squared distance of bodies' parameters from where they are expected, in standard deviations.
+- cost: ln(nu) / 2 a coefficient (Schwarz 1978), the logarithm of the alternatives tried at the joint (Chen
+  and Chen 2008, Biometrika 95), and the odds against what not every drive has.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from wearscope.closed_loop.inference.gram import Fit
+from wearscope.closed_loop.inference.layout import Layout
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.problem import Problem
+from wearscope.closed_loop.inference.term import Term
+
+#: Nats below which how improbable a model is need not be known any better.
+_HOPELESS = -8.0
+#: Blocks that are joined to sums, and fewest sums, for the memory of what is left.
+_JOINED, _FEWEST = (1, 2, 4, 8, 16, 32), 8
+#: Coefficients that a height of a penalised spline counts as.
+_SPLINE = 0.5
+#: Coefficients that a shape which is searched counts as: half of its values are no better than another's.
+_SHAPE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The declared model with terms, fitted.
+
+    Attributes
+    ----------
+    problem : Problem
+    terms : tuple of Term
+        In addition to the declared ones.
+    sigma : ndarray (n,)
+        Residual scale by which it is fitted.
+    base : Model, optional
+        The same without the last term.
+    """
+
+    problem: Problem
+    terms: tuple[Term, ...]
+    sigma: np.ndarray = field(repr=False)
+    base: "Model | None" = field(default=None, repr=False)
+
+    @cached_property
+    def fit(self) -> Fit:
+        """Its fit."""
+        base = None if self.base is None else self.base.fit
+        return Fit(self.problem.gram, (*self.problem.base, *self.terms), self.sigma, base)
+
+    @cached_property
+    def keys(self) -> frozenset[tuple]:
+        """What its terms are, whatever their shapes."""
+        return frozenset(term.key for term in self.terms)
+
+    def has(self, terms: Sequence[Term]) -> "Model":
+        """The same with other terms."""
+        return Model(self.problem, tuple(terms), self.sigma)
+
+    def extend(self, term: Term) -> "Model":
+        """The same with a term more."""
+        return Model(self.problem, (*self.terms, term), self.sigma, self)
+
+    def without(self, term: Term) -> "Model":
+        """The same without a term."""
+        return self.has([t for t in self.terms if t is not term])
+
+    def rescale(self) -> "Model":
+        """The same, weighed by what it leaves."""
+        return Model(self.problem, self.terms, self.fit.settle_scale())
+
+
+@dataclass(frozen=True)
+class Score:
+    """What compares models of one data set.
+
+    Attributes
+    ----------
+    policy : Policy
+    layout : Layout
+    standard : Model or None
+        The declared model with what every joint may have; None before there is one.
+    """
+
+    policy: Policy
+    layout: Layout
+    standard: Model | None = None
+
+    @cached_property
+    def recordings(self) -> int:
+        """Recordings that the training runs are pieces of."""
+        return len(np.unique(self.layout.folds.recording))
+
+    @cached_property
+    def _forms(self) -> dict[frozenset, np.ndarray]:
+        return {}
+
+    def find_form(self, a: Model, b: Model) -> np.ndarray:
+        """Form error (n,) by joint of what two models do not have in common [squares of the torque].
+
+        A share of what the standard model leaves, given those common terms that depend on other signals:
+        these terms' own errors of form depend on these signals too.
+        """
+        if self.standard is None:
+            return np.zeros(len(self.layout.prepared.moving))
+        joints = self.layout.prepared.dataset.joints
+        own = {id(t) for t in a.terms} ^ {id(t) for t in b.terms}
+        differ = [t for t in (*a.terms, *b.terms) if id(t) in own]
+        signals = {name for t in differ for name in t.list_signals(joints)}
+        there = {t.key for t in self.standard.terms}
+        record = any(t.model_term.is_measurement_error for t in differ)
+        apart = [
+            t
+            for t in b.terms
+            if id(t) not in own and t.key not in there and not t.model_term.is_measurement_error
+            # An error of the record may follow any torque.
+            if t.is_exact or not (record or t.list_signals(joints) & signals)
+        ]
+        key = frozenset((t.key, id(t.candidate)) for t in apart)
+        if key not in self._forms:
+            given = self.standard.has([*self.standard.terms, *apart])
+            left = np.minimum(given.fit.held_out, self.standard.fit.held_out)
+            self._forms[key] = self.policy.form_error * left
+        return self._forms[key]
+
+    def compare(self, a: Model, b: Model) -> float:
+        """By how many nats model `b` is more probable than `a`; at most so many where that is few."""
+        lost, left = a.fit.held_out, b.fit.held_out
+        form = self.find_form(a, b)
+        ratio = np.log(np.maximum(lost + form, 1e-300) / np.maximum(left + form, 1e-300))
+        differ = np.flatnonzero(np.abs(lost - left) > 1e-9 * lost).tolist()
+        energy = 0.5 * (a.fit.energy - b.fit.energy)
+        most = 0.5 * self.policy.most_rows * float(np.maximum(ratio, 0.0).sum()) + energy
+        few = [self._cost(b, rows) - self._cost(a, rows) for rows in (2.0, self.policy.most_rows)]
+        if most - min(few) < _HOPELESS:
+            return most - min(few)
+        total, rows = energy, 2.0
+        for j in differ:
+            own = self._count_rows(a.fit, b.fit, j)
+            total += 0.5 * own * float(ratio[j])
+            rows = max(rows, own)
+        return float(total - (self._cost(b, rows) - self._cost(a, rows)))
+
+    def _cost(self, model: Model, rows: float) -> float:
+        return sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
+
+    def count(self, term: Term) -> float:
+        """Coefficients of a term, and what its shape counts as."""
+        if term.effect.empirical:
+            return max(2.0, _SPLINE * len(term.subset))
+        return len(term.subset) + _SHAPE * len(term.model_term.shape)
+
+    def odds(self, term: Term) -> float:
+        """Prior odds against a term, in nats."""
+        effect, policy = term.effect, self.policy
+        if effect.is_in_every_drive:
+            return 0.0
+        odds = policy.name_odds
+        slow = effect.drifts_alike or (effect.empirical and term.follows_time)
+        if slow:
+            odds += 2.0 * policy.unknown_odds / self.recordings
+        if effect.standard:
+            return odds
+        odds += float(np.log(max(term.alternatives, 1.0)))
+        if effect.empirical:
+            return odds + policy.unknown_odds
+        return odds + (2.0 * policy.unknown_odds if effect.name_driver and self.recordings < 2 else 0.0)
+
+    def _count_rows(self, a: Fit, b: Fit, joint: int) -> float:
+        """Independent rows that inform on how two models differ at a joint."""
+        direction = (b.predict(joint) - a.predict(joint)) * self.layout.keep[:, joint]
+        better = a if a.fitted[joint] < b.fitted[joint] else b
+        return self.count_rows(direction * better.leave(joint), int(self.layout.keep[:, joint].sum()))
+
+    def count_rows(self, product: np.ndarray, count: int) -> float:
+        """Independent rows that inform on a direction.
+
+        Parameters
+        ----------
+        product : ndarray (M,)
+            The direction times what a model leaves, zero in rows that do not count.
+        count : int
+            Rows that do.
+        """
+        return 1.0 / (self._find_design_effect(product) / max(count, 1) + 1.0 / self.policy.most_rows)
+
+    def _find_design_effect(self, product: np.ndarray) -> float:
+        """Variance of a mean of rows (M,) over that of independent ones, the largest by joined blocks."""
+        single = float(product @ product)
+        if single <= 0.0:
+            return 1.0
+        by_block, run, worst = self.layout.sum_blocks(product), self.layout.run_of, 1.0
+        for count in _JOINED:
+            cut = (np.diff(run) != 0) | (np.arange(1, len(run)) % count == 0)
+            sums = np.bincount(np.concatenate([[0], np.cumsum(cut)]), by_block)
+            sums = sums[sums != 0.0]
+            if len(sums) >= _FEWEST:
+                worst = max(worst, float(sums @ sums) / single * len(sums) / (len(sums) - 1.0))
+        return worst

@@ -1,1 +1,0 @@
-"""Which effects the model lacks: evidence, the rule, the search."""

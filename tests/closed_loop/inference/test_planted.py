@@ -1,0 +1,115 @@
+"""Planted effects on a small arm: what is there is named, and nothing else."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from wearscope.closed_loop.diagnosis import diagnose
+
+STRIBECK = (0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})
+#: A balancer at one joint and a heavier rotor at the other.
+DRIVES = [
+    (0, "gravity_counterbalance", {"sine1": 10.0, "cosine1": 40.0}),
+    (1, "rotor_inertia_error", {"inertia": 0.5}),
+]
+LOAD = (1, "payload_error", {"mass": 2.0, "moment_x": 0.5, "moment_z": 0.1, "inertia_yy": 0.1})
+
+
+def ripple(size):
+    return (0, "torque_ripple", {"cosine": size, "sine": 0.0, "wavenumber": 15.0})
+
+
+def coupling(size):
+    return (0, "cross_coupling", {"coulomb": size, "other": 1})
+
+
+def hide(slope, weight):
+    """Two effects of which each hides the other: alone each looks like a drift."""
+    balancer = {"sine1": weight, "cosine1": 0.6 * weight}
+    return [
+        (0, "viscous_asymmetry", {"half_difference": slope}),
+        (0, "gravity_counterbalance", balancer),
+    ]
+
+
+#: What is planted, and options of the recordings.
+CASES = {
+    "small next to a ripple": ([STRIBECK, ripple(10.0)], {"seed": 3, "runs": 4}),
+    "small next to a large ripple": ([STRIBECK, ripple(300.0)], {"seed": 3, "runs": 4}),
+    "small next to a coupling": ([STRIBECK, coupling(60.0)], {"seed": 3, "runs": 4}),
+    "small next to a large coupling": ([STRIBECK, coupling(400.0)], {"seed": 3, "runs": 4}),
+    "two that hide each other": (hide(8.0, 6.0), {"seed": 1, "runs": 3}),
+    "two large ones that hide each other": (hide(40.0, 30.0), {"seed": 1, "runs": 3}),
+    "two drives": (DRIVES, {"seed": 3}),
+    "a load": ([LOAD], {"seed": 3}),
+    "a load at its joint": ([(1, "payload_error", {"mass": 2.0})], {"seed": 3}),
+    "a load and a drive": ([LOAD, (0, "rotor_inertia_error", {"inertia": 2.0})], {"seed": 3}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_planted_is_named_and_nothing_else(record, name_terms, case):
+    planted, options = CASES[case]
+    assert name_terms(record(planted, **options)) == {(name, joint) for joint, name, _ in planted}
+
+
+def harden(t, q, v, a, rng):
+    """A spring that hardens by a hundredth of its torque."""
+    torque = np.zeros_like(q)
+    torque[:, 0] = 300.0 * q[:, 0] + 6.0 * np.sign(q[:, 0]) * np.abs(q[:, 0]) ** 1.5
+    return torque
+
+
+def test_the_form_of_a_large_term_is_no_further_term(record, name_terms):
+    assert name_terms(record(seed=3, runs=4, extra_torque=harden)) == {("joint_spring", 0)}
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_drift_has_no_name(record, name_terms, seed):
+    """A random walk, in which any slow term finds something."""
+
+    def walk(t, q, v, a, rng):
+        steps = rng.standard_normal(q.shape) * np.sqrt(t[1] - t[0])
+        return 12.0 * np.cumsum(steps, axis=0)
+
+    assert name_terms(record(seed=seed, runs=3, extra_torque=walk)) == set()
+
+
+def turning(t, q, v, a, rng):
+    """Six times the position at which the joint last turned round, which is much of the position."""
+    turned = np.concatenate([[False], (v[1:, 0] > 0.0) != (v[:-1, 0] > 0.0)])
+    last = np.maximum.accumulate(np.where(turned, np.arange(len(t)), 0))
+    return np.column_stack([6.0 * q[last, 0], 0.0 * t])
+
+
+@pytest.mark.parametrize(("runs", "seed"), [(4, 72), (3, 73)])
+def test_what_follows_the_last_turn_has_no_name(record, runs, seed):
+    verdict = diagnose(record(extra_torque=turning, seed=seed, runs=runs, duration=12.0)).verdict
+    assert verdict["verdict"] == []
+    assert verdict["joints"]["a"]["state"] == "unexplained"
+    assert "q_a" in verdict["joints"]["a"]["depends_on"]
+
+
+def test_a_name_next_to_it_stays(record):
+    """A spring that is larger; a balancer is as much like it."""
+    planted = [(0, "joint_spring", {"stiffness": 20.0, "preload": 0.0})]
+    folder = record(planted, extra_torque=turning, seed=72, runs=4, duration=12.0)
+    verdict = diagnose(folder).verdict
+    (named,) = verdict["verdict"]
+    assert named["joint"] == "a"
+    assert named["effect"] in ("joint_spring", "gravity_counterbalance")
+    assert verdict["joints"]["a"]["state"] == "unexplained"
+
+
+def remembered(t, q, v, a, rng):
+    """A fine wave of the direction of motion of the last three tenths of a second."""
+    keep = np.exp(-(t[1] - t[0]) / 0.3)
+    past = lfilter([1.0 - keep], [1.0, -keep], np.sign(v[:, 0]))
+    return np.column_stack([3.0 * np.cos(4.0 * np.pi * past), 0.0 * t])
+
+
+def test_a_fine_past_has_no_name(record):
+    folder = record(extra_torque=remembered, noise=0.3, seed=70, runs=4, duration=12.0)
+    verdict = diagnose(folder).verdict
+    assert [e["effect"] for e in verdict["verdict"] if e["effect"] != "unknown"] == []
+    assert verdict["joints"]["a"]["state"] == "unexplained"
