@@ -1,0 +1,88 @@
+"""A model's fit from products by unit is that of its rows; a term more gives the fit of all terms."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.inference.gram import Fit, Gram
+from wearscope.closed_loop.inference.offers import list_offers
+from wearscope.closed_loop.inference.splines import Splines
+from wearscope.closed_loop.inference.term import Term
+from wearscope.effects.base import load_effect
+
+
+@pytest.fixture(params=[2, 3, 5], ids=["one run", "two runs", "four runs"])
+def model(request, record, pose, declared_model):
+    """The declared model with an offset at each joint, on runs that are held out or on fifths of them."""
+    given = declared_model(pose(record(seed=3, runs=request.param, duration=6.0)))
+    for offer in list_offers(given, [0, 1], lambda effect, _: effect.is_offset):
+        given = given.extend(offer.term)
+    return given
+
+
+def solve(model, rows):
+    """Parameters by least squares of all joints' rows, each over its scale."""
+    gram, fit = model.problem.gram, model.fit
+    x, y = [], []
+    for j in range(gram.target.shape[1]):
+        count = rows & gram.layout.keep[:, j]
+        own = np.zeros((count.sum(), fit.p))
+        own[:, fit.at[j]] = fit.columns(j)[count]
+        x.append(own / fit.sigma[j])
+        y.append(gram.target[count, j] / fit.sigma[j])
+    return np.linalg.lstsq(np.concatenate(x), np.concatenate(y), rcond=None)[0]
+
+
+def test_parameters_are_those_of_least_squares_on_the_rows(model):
+    every = np.ones(len(model.problem.target), dtype=bool)
+    np.testing.assert_allclose(model.fit.theta, solve(model, every), rtol=1e-6, atol=1e-9)
+
+
+def test_what_is_held_out_is_predicted_from_the_other_rows(model):
+    gram, fit = model.problem.gram, model.fit
+    units = gram.layout.units
+    losses = np.zeros(2)
+    for train, test in zip(units.train, units.test, strict=True):
+        theta = solve(model, train[units.of_row] > 0.0)
+        held = test[units.of_row] > 0.0
+        for j in range(2):
+            left = gram.target[:, j] - fit.columns(j) @ theta[fit.at[j]]
+            losses[j] += np.sum(left[held & gram.layout.keep[:, j]] ** 2)
+    np.testing.assert_allclose(fit.held_out, losses, rtol=1e-6)
+    for j in range(2):
+        left = fit.leave_held_out(j) * gram.layout.keep[:, j]
+        assert np.sum(left**2) == pytest.approx(losses[j], rel=1e-6)
+
+
+def test_a_term_more_gives_the_fit_of_all_terms(model):
+    offers = [o for o in list_offers(model, [0, 1]) if o.term.candidate.penalty is None][:6]
+    assert offers
+    for offer in offers:
+        grown = model.extend(offer.term).fit
+        whole = Fit(model.problem.gram, grown.terms, grown.sigma)
+        np.testing.assert_allclose(grown.fitted, whole.fitted, rtol=1e-6)
+        np.testing.assert_allclose(grown.held_out, whole.held_out, rtol=1e-5)
+        removed = np.sum((model.fit.fitted - grown.fitted) * grown.weight)
+        assert offer.gain == pytest.approx(removed, rel=1e-4, abs=1e-6)
+
+
+def test_a_spline_more_gives_the_fit_of_all_terms(model):
+    """Its prior is in variances of its joint's residual."""
+    splines = Splines(model.problem.prepared, model.problem.joined)
+    candidate = next(splines._roughly(0))
+    grown = model.extend(Term(candidate, tuple(range(candidate.count)))).fit
+    whole = Fit(model.problem.gram, grown.terms, grown.sigma)
+    np.testing.assert_allclose(grown.theta, whole.theta, rtol=1e-5, atol=1e-7)
+
+
+def test_each_product_is_made_once(model, monkeypatch):
+    made = []
+    multiply = Gram._multiply
+    monkeypatch.setattr(Gram, "_multiply", lambda self, *args: made.append(1) or multiply(self, *args))
+    problem = model.problem
+    candidate = problem.candidate(load_effect("stribeck"), 0)
+    first = model.fit.add(candidate, (0,))
+    count = len(made)
+    assert count
+    again = model.rescale().fit.add(candidate, (0,))
+    assert len(made) == count
+    assert int(np.argmax(first.gain)) == int(np.argmax(again.gain))

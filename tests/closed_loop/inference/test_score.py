@@ -1,0 +1,82 @@
+"""The score on models of a line or two: noise costs, size convinces, memory and forms make it doubt."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.inference.offers import list_offers
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.score import Score
+
+
+@pytest.fixture
+def weigh(record, pose, declared_model):
+    """Nats for the best spring at the first joint, and the score, of recordings made with options."""
+
+    def make(**options):
+        model = declared_model(pose(record(**{"seed": 2, "runs": 4, "duration": 10.0} | options)))
+        score = Score(Policy(), model.problem.gram.layout, model)
+        (offer,) = list_offers(model, [0], lambda effect, _: effect.name == "joint_spring")
+        made = model.extend(offer.term)
+        return score.compare(model, made), score, model, made
+
+    return make
+
+
+def spring(stiffness):
+    return {"planted": [(0, "joint_spring", {"stiffness": stiffness, "preload": 0.0})]}
+
+
+def test_a_spring_that_is_not_there_costs_its_coefficients_and_odds(weigh):
+    gain, score, _, made = weigh()
+    odds = score.odds(made.terms[-1])
+    assert odds == pytest.approx(Policy().name_odds + np.log(made.terms[-1].alternatives))
+    assert gain < -odds
+
+
+def test_a_larger_spring_is_surer(weigh, tmp_path):
+    gains = []
+    for k, stiffness in enumerate((0.5, 1.0, 4.0)):
+        gains.append(weigh(seed=20 + k, **spring(stiffness))[0])
+        shutil.rmtree(tmp_path / "duo")
+    assert gains == sorted(gains)
+    assert gains[-1] > 20.0
+
+
+def test_the_order_of_two_models_turns_the_sign(weigh):
+    gain, score, model, made = weigh(**spring(4.0))
+    assert score.compare(made, model) == pytest.approx(-gain)
+    assert score.compare(model, model) == 0.0
+
+
+def test_rows_that_repeat_each_other_are_not_counted_twice(weigh):
+    _, score, _, _ = weigh()
+    layout = score.layout
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(len(layout.keep))
+    walk = np.cumsum(white) - np.linspace(0.0, np.sum(white), len(white))
+    few, many = (score.count_rows(x, len(x)) for x in (walk, white))
+    assert few < 0.2 * many <= Policy().most_rows
+
+
+def test_small_next_to_a_large_form_is_doubted_and_next_to_another_signal_is_not(weigh, tmp_path):
+    small = spring(1.0)["planted"]
+    alone = weigh(planted=small)[0]
+    told = {}
+    for name, values in {
+        "gravity_counterbalance": {"sine1": 300.0, "cosine1": 100.0},
+        "quadratic_viscous": {"curvature": 60.0},
+    }.items():
+        shutil.rmtree(tmp_path / "duo")
+        _, score, model, _ = weigh(planted=[*small, (0, name, values)])
+        (large,) = [
+            o.term
+            for o in list_offers(model, [0], lambda e, _, n=name: e.name == n)
+            if len(o.term.subset) < 3
+        ][:1]
+        with_large = model.extend(large)
+        (offer,) = list_offers(with_large, [0], lambda effect, _: effect.name == "joint_spring")
+        told[name] = score.compare(with_large, with_large.extend(offer.term))
+    assert told["gravity_counterbalance"] < 0.0 < told["quadratic_viscous"]
+    assert told["quadratic_viscous"] > 0.5 * alone
