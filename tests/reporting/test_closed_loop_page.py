@@ -57,7 +57,6 @@ VERDICT = {
     "verdict": [UNKNOWN, ENTRY],
     "rule": Policy(flips=499).model_dump(),
     "version": "1.2.3 (abc)",
-    "stopped": ["a: the most terms that are asked for (8) are named; what is left may hold more"],
     "joints": {"a": one_joint(2.0, 1.0, 0.5), "b": one_joint(1.5, 1.6, None)},
     "band": {"motion_hz": 20.0, "torque_hz": 6.0},
     "notes": ["runs/r1.parquet: spikes of tau_a in 3 rows <were> bridged."],
@@ -160,7 +159,6 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     assert "runs/r2.parquet 15 16" in text and "runs/r2.parquet 20 10" in text
     assert "30 % of the rows of a do not count" in text
     assert "record for longer" in text
-    assert "Stopped. a: the most terms that are asked for (8) are named" in text
     assert "closed by wearscope 1.2.3." in text and "abc" not in text
 
 
@@ -170,7 +168,6 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
     doubtful |= {"error_reduction_ci95": [-0.01, 0.02]}
     write(tmp_path, VERDICT | {"verdict": [doubtful, *joints]})
     html = page(tmp_path)
-    assert html.index("Stopped. ") < html.index('<div class="cards">')
     cards = re.findall(r'<div class="card (\w+)"[^>]*><h3>([\w ]+)(.*?)</div>', html, re.DOTALL)
     said = [
         (kind, title, re.findall(r"<strong>([\w ]+)</strong> <span[^>]*>([\w ]+)", body))
@@ -194,14 +191,14 @@ def test_refuted_effects_come_first_and_in_red(tmp_path):
 
 
 def test_page_of_none_says_so(tmp_path):
-    verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": []}
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
     for joint in JOINTS:
         verdict["joints"][joint]["state"] = "explained"
     write(tmp_path, verdict)
     text = text_of(page(tmp_path))
     assert "The declared model suffices" in text
     assert text.count(": nothing added") == 2
-    assert "Structure that no named effect" not in text and "Stopped" not in text
+    assert "Structure that no named effect" not in text
 
 
 def test_what_is_left_is_said_and_an_empty_verdict_next_to_it_is_no_none(tmp_path):

@@ -20,7 +20,7 @@ ENTRY = {
     "error_reduction_ci95": [0.9, 0.95], "status": "confirmed",
 }  # fmt: skip
 JOINT = {"unit": "N m", "rms_before": 12.0, "rms_after": 11.8, "noise_floor": 9.0, "state": "explained"}
-VERDICT = {"verdict": [ENTRY], "joints": {"axis_1": dict(JOINT), "axis_2": dict(JOINT)}, "stopped": []}
+VERDICT = {"verdict": [ENTRY], "joints": {"axis_1": dict(JOINT), "axis_2": dict(JOINT)}}
 
 
 def planted(effect="gravity_counterbalance", joint="axis_2"):
@@ -65,8 +65,8 @@ def test_shares_of_the_residual():
 
 
 def test_an_empty_verdict_says_what_it_means():
-    verdict = copy.deepcopy(VERDICT) | {"verdict": [], "stopped": ["axis_1: the most terms are named"]}
-    assert list_alarms(verdict) == [("notice", "Stopped. axis_1: the most terms are named.")]
+    verdict = copy.deepcopy(VERDICT) | {"verdict": []}
+    assert list_alarms(verdict) == []
     assert conclude_loop(verdict)[1].startswith("The declared model suffices")
     verdict["joints"]["axis_2"] |= {"state": "not_judged"}
     assert conclude_loop(verdict) == (

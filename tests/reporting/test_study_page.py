@@ -14,7 +14,6 @@ def render(study):
 
 VERDICT = {
     "verdict": [],
-    "stopped": [],
     "joints": {
         "a<1>": {
             "unit": "N m", "rms_before": 2.0, "rms_after": None, "noise_floor": None, "state": "explained",

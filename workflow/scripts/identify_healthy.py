@@ -1,7 +1,7 @@
 """The healthy machine of a measured data set."""
 
 from job import run_job
-from wearscope.closed_loop.selection.policy import Policy
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.tracking.run import write_reference
 
 with run_job(snakemake) as say:

@@ -187,12 +187,11 @@ def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
 
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
-    """Simulations that failed, searches that stopped: alarm or notice, and its text."""
+    """Simulations that failed: alarm, and its text."""
     said = []
     for stage in ("before", "after"):
         outcomes = {one[stage]["outcome"] for one in verdict.get("forward", {}).values()} - {"ok"}
         said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
-    said += [("notice", f"Stopped. {text}.") for text in verdict["stopped"]]
     return said
 
 
