@@ -1,5 +1,7 @@
 """What is shown is what was computed: commands check the digest of what they show, where one is kept."""
 
+import json
+
 import pytest
 from click.testing import CliRunner
 from hostile.samples import write_loop
@@ -63,6 +65,21 @@ def test_the_history_goes_on_without_the_page_that_is_damaged(loops):
     assert "damaged" in run("history", "results") and "It is so." in run("history", "results")
     change(loops / "b" / "report.html")
     assert "It is so." not in run("history", "results")
+
+
+def test_lines_of_a_kept_history_that_are_none_are_left_out(loops):
+    """The file may be somebody else's."""
+    kept = loops.parent / "history.jsonl"
+    strip = {"answer": "It was so.", "kind": "good", "sure": "", "caveat": "", "action": ""}
+    good = {"kind": "diagnosis", "name": "old", "when": "2026-01-01 00:00:00", "strip": strip, "digest": "0"}
+    odd = [{**good, name: value} for name, value in (("when", 3), ("values", {"a": "x"}), ("strip", {}))]
+    lines = [good, *odd, 3, None, [good], {}, "x"]
+    kept.write_bytes("\n".join(map(json.dumps, lines)).encode() + b"\n\xff\n" + b"[" * 5000 + b"\n{")
+    said = run("history", "results")
+    assert said.count("It was so.") == 1 and said.count("It is so.") == 2
+    kept.unlink()
+    kept.symlink_to("/dev/zero")
+    assert "history.jsonl: is no plain file; move it away." in run("history", "results")
 
 
 def test_integrity_of_what_has_no_checksums_is_not_content(loops, tmp_path, capsys):

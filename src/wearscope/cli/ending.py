@@ -10,6 +10,7 @@ from wearscope.checksums import check_answer
 from wearscope.cli.progress import format_seconds
 from wearscope.cli.say import say
 from wearscope.cli.workflow import Progress, explain_failure
+from wearscope.files import DamagedFile
 
 
 def shorten(path: Path) -> str:
@@ -53,7 +54,10 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
         keep_answer(Path("results"), page, settings)
     say("", err=True)
     if pages:
-        show_result(pages[0], err=True)
+        try:
+            show_result(pages[0], err=True)
+        except DamagedFile as error:  # which the run had no reason to make again
+            say(error, err=True)
     free = shutil.disk_usage(".").free / 1e9
     say(f"Done in {format_seconds(seconds)}; {free:.0f} GB of the disk are free.", err=True)
 

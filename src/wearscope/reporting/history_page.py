@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -13,10 +14,11 @@ import altair as alt
 import pandas as pd
 import pyarrow as pa
 from markupsafe import Markup
+from pydantic import TypeAdapter
 
-from wearscope import tables
+from wearscope import limits, tables
 from wearscope.checksums import ANSWERS, SETTINGS, check_answer
-from wearscope.files import DamagedFile, digest_file, load_json
+from wearscope.files import DamagedFile, check_plain, digest_file, load_json
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text, read_detector_names
@@ -101,7 +103,11 @@ def keep_answer(folder: Path, page: Path, settings: str) -> None:
         Text of the settings, of which the digest is kept.
     """
     one = read_answer(folder, page) if page.is_file() else None
-    if one is None or one.digest in {kept.digest for kept in _read_kept(folder / KEPT)}:
+    if (
+        one is None
+        or one.kind == "damaged"
+        or one.digest in {kept.digest for kept in _read_kept(folder / KEPT)}
+    ):
         return
     digest = hashlib.sha256(settings.encode()).hexdigest()[:12]
     line = replace(one, path="", settings=digest, version=metadata.version("wearscope"))
@@ -112,11 +118,13 @@ def keep_answer(folder: Path, page: Path, settings: str) -> None:
 
 def _read_kept(file: Path) -> list[Answer]:
     """Answers of a file; what is no line of one is left out."""
-    found = []
-    for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else ():
-        with suppress(ValueError, TypeError, KeyError, RecursionError):
-            fields = load_json(line)
-            found.append(Answer(**fields | {"path": "", "strip": Strip(**fields["strip"])}))
+    found: list[Answer] = []
+    if not os.path.lexists(file):
+        return found
+    check_plain(file, limits.JSON_BYTES, "move it away")
+    for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(ValueError, TypeError, RecursionError):
+            found.append(TypeAdapter(Answer).validate_python(load_json(line) | {"path": ""}))
     return found
 
 

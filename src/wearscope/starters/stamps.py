@@ -87,7 +87,7 @@ def _read_dates(stamps: pd.Series, errors: Literal["raise", "coerce"]) -> Array:
     """Dates, or times of a day that may end among them, in seconds (N,) from any origin."""
     text = stamps.astype(str).str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
     # Day or month first: the one by which the recording is shorter.
-    orders = (False, True) if re.match(r"\d{1,2}[./-]\d{1,2}[./-]\d", text.iloc[0]) else (False,)
+    orders = (False, True) if re.match(r"\d{1,2}[./-]\d{1,2}[./-]\d", str(text.iloc[0])) else (False,)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of days that cannot be months
         tried = [

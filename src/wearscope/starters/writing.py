@@ -12,7 +12,7 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wearscope.errors import InputError
-from wearscope.files import explain_unwritten
+from wearscope.files import FULL, explain_unwritten
 
 _TEMPLATES = Environment(
     loader=PackageLoader("wearscope.starters"), undefined=StrictUndefined, keep_trailing_newline=True
@@ -82,6 +82,8 @@ def new_folder(target: Path) -> Iterator[Path]:
         made.chmod(0o755)
         made.rename(target)
     except OSError as error:
+        if error.errno not in FULL:
+            raise
         raise explain_unwritten(made, error) from None
     finally:
         shutil.rmtree(made, ignore_errors=True)
