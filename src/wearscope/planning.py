@@ -23,7 +23,7 @@ class Plan:
     packs : bool
         Whether the recordings of a chunk are one file.
     drops : bool
-        Whether they are such a file for as long as they are needed, but for those of nominal runs.
+        Whether they are such a file for as long as they are needed, except those of nominal runs.
     """
 
     study: StudyConfig
