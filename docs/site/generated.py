@@ -18,7 +18,8 @@ from wearscope.effects.base import Effect, Parameter, load_effect
 #: Modules of the reference by heading.
 REFERENCE = {
     "In a notebook": [
-        "wearscope.study", "wearscope.one_run", "wearscope.closed_loop.diagnosis", "wearscope.example",
+        "wearscope.study", "wearscope.notebook.calls", "wearscope.notebook.results", "wearscope.one_run",
+        "wearscope.closed_loop.diagnosis", "wearscope.example",
     ],
     "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
     "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],
@@ -90,7 +91,8 @@ def reference_page() -> str:
     parts = [
         "# Python",
         "",
-        "`import wearscope` has `Study`, `diagnose`, `example_dataset`, `simulate` and `InputError`.",
+        "`import wearscope` has `Study`, `diagnose`, `track`, `detect`, `evaluate`, `example_dataset`, `simulate`",
+        "and `InputError`.",
     ]
     for heading, modules in REFERENCE.items():
         parts += ["", f"## {heading}", ""]

@@ -4,6 +4,9 @@ For a notebook or a script; each name is imported when it is first used:
 
 - `Study`: results of a study as data frames with units, and its figures;
 - `diagnose`: what the declared model of a measured machine lacks;
+- `track`: what changed since the machine was healthy;
+- `detect`: recordings judged by detectors;
+- `evaluate`: how well a model predicts recordings;
 - `example_dataset`: where the data set is that ships with the package;
 - `simulate`: one recorded run of a robot under given wear, temperature and payload error;
 - `InputError`: bad input, said in one sentence.
@@ -21,18 +24,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from wearscope.closed_loop.diagnosis import diagnose
     from wearscope.errors import InputError
     from wearscope.example import example_dataset
+    from wearscope.notebook.calls import detect, diagnose, evaluate, track
     from wearscope.one_run import simulate
     from wearscope.study import Study
 
-__all__ = ["InputError", "Study", "diagnose", "example_dataset", "simulate"]
+__all__ = [
+    "InputError", "Study", "detect", "diagnose", "evaluate", "example_dataset", "simulate", "track",
+]  # fmt: skip
 
 _MODULES = {
     "InputError": "wearscope.errors",
     "Study": "wearscope.study",
-    "diagnose": "wearscope.closed_loop.diagnosis",
+    "detect": "wearscope.notebook.calls",
+    "diagnose": "wearscope.notebook.calls",
+    "evaluate": "wearscope.notebook.calls",
+    "track": "wearscope.notebook.calls",
     "example_dataset": "wearscope.example",
     "simulate": "wearscope.one_run",
 }

@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import yaml
+from markupsafe import escape
 
 from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.errors import InputError
+from wearscope.files import read_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _KEYS = ("robot", "cycle", "axis", "fda")
 _FIGURES = ("scope", "sensitivity", "snr")
+#: Units of columns in every table that has them: a coded unit is a quarter of a factor's range.
+_UNITS = {"delta": "coded", "sigma": "coded", "p_d": "1", "confidence": "1", "snr": "1", "snr_exact": "1"}
 
 
 class Study:
@@ -92,9 +96,15 @@ class Study:
             if column not in frame.columns:
                 raise InputError(f"{path}: has no column '{column}'; it has {', '.join(frame.columns)}.")
             values = [value] if isinstance(value, str) or not isinstance(value, Sequence) else value
+            known = set(frame[column])
+            for one in values:
+                if one not in known:
+                    told = ", ".join(sorted(map(str, known))[:20])
+                    raise InputError(f"{path}: no row has {column} '{one}'; there are {told}.")
             frame = frame[frame[column].isin(list(values))]
         frame = frame.reset_index(drop=True)
-        frame.attrs["units"] = tables.read_units(path)
+        coded = {name: unit for name, unit in _UNITS.items() if name in frame.columns}
+        frame.attrs["units"] = coded | tables.read_units(path)
         return frame
 
     def snr(self, **where: Any) -> pd.DataFrame:
@@ -122,6 +132,28 @@ class Study:
     def test_quantities(self, **where: Any) -> pd.DataFrame:
         """The number y of every detector and simulated run, as `table` gives it."""
         return self.table("test_quantities", **where)
+
+    def summary(self) -> pd.DataFrame:
+        """What is recommended, a row for all robots and for each: detector, smallest wear, how often it wins.
+
+        Raises
+        ------
+        InputError
+            Where the study did not come so far.
+        """
+        path = self.folder / "conclusion.json"
+        if not path.is_file():
+            raise InputError(f"{self.folder}: holds no conclusion yet; run the study with 'wearscope run'.")
+        names = ["robot", "detector", "wear", "cells_sure", "cells", "agree", "resamplings", "cells_first"]
+        frame = pd.DataFrame(read_json(path)).reindex(columns=names)
+        frame["robot"] = frame["robot"].replace("", "all")
+        frame.attrs["units"] = {"wear": next(one.unit for one in self.factors() if one.name == "f")}
+        return frame
+
+    def _repr_html_(self) -> str:
+        if not (self.folder / "conclusion.json").is_file():
+            return f"<p>{escape(repr(self))}: no conclusion yet</p>"
+        return f"<p><strong>{escape(repr(self))}</strong></p>{self.summary().to_html(index=False)}"
 
     def factors(self) -> list[Factor]:
         """Factors of the study with their natural levels, as the identification design has them."""

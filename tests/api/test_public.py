@@ -122,6 +122,8 @@ def test_snr_is_ranked_by_what_is_asked(place):
     [
         (lambda study: study.table("nothing"), "has no table 'nothing'.*snr"),
         (lambda study: study.snr(detector="A"), "no column 'detector'.*fda"),
+        (lambda study: study.snr(fda="Z"), "no row has fda 'Z'; there are A, C"),
+        (lambda study: study.summary(), "holds no conclusion yet"),
         (lambda study: study.plot("nothing"), "no figure 'nothing'.*snr"),
         (lambda study: study.plot("snr", by=("colour",)), "colour is no grouping"),
         (lambda study: study.plot("scope", factor="w9"), "no 'w9'.*w3"),

@@ -19,7 +19,7 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip
+from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip, render_parameters
 from wearscope.reporting.loop_words import conclude_loop
 
 JOINTS = ["a", "b"]
@@ -433,3 +433,37 @@ def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):
     assert draw_curves(replace(loop, residual=table.assign(use="train")), joint) == ""
     still = draw_curves(replace(loop, residual=table.assign(counts=t < 1)), joint)
     assert [len(re.findall("[ML]", one)) for one in re.findall(r'd="([^"]*)"', still)] == [41, 10, 10]
+
+
+URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {z}"/>
+<mass value="{m}"/></inertial></link></robot>"""
+
+
+def write_models(folder, level=(10.0, 12.0), mass=(5.0, 5.5)):
+    """Models before and after whose Coulomb friction and mass were fitted."""
+    for stage, value, kilograms in zip(("before", "after"), level, mass, strict=True):
+        effect = {"joint": "a", "effect": "coulomb", "parameters": {"level": value}}
+        effect |= {"intervals": {"level": [value - 1, value + 1]}}
+        rigid = {"joint": "a", "effect": "rigid_body"}
+        fields = {"effects": [rigid, effect], "payload": {"mass": 2.0, "com": [0.0, 0.0, 0.1]}}
+        (folder / f"model_{stage}.yaml").write_text(json.dumps(fields))
+        (folder / f"model_{stage}.urdf").write_text(URDF.format(z=0.25, m=kilograms))
+
+
+def test_what_was_fitted_is_a_table_with_intervals_and_units(tmp_path):
+    write(tmp_path, VERDICT)
+    without = render_parameters(read_closed_loop(tmp_path))
+    assert "Of the declared model" not in without and "Stribeck" in without
+    write_models(tmp_path)
+    text = re.sub(r"<[^>]+>", " ", render_parameters(read_closed_loop(tmp_path)))
+    row = " ".join(text.split())
+    assert re.search(r"a Coulomb friction \w+( \w+)* 10 12 11 to 13 N m", row), row
+    assert "arm 5 5.5 0, 0, 0.25" in row and "payload, as declared 2 2 0, 0, 0.1" in row
+
+
+def test_an_error_is_smaller_only_where_it_falls_by_more_than_half_a_percent(tmp_path):
+    for after, word in ((0.0065, "smaller"), (0.00653, "same")):
+        verdict = copy.deepcopy(VERDICT)
+        verdict["joints"]["a"] |= {"rms_before": 0.00655, "rms_after": after, "error": "smaller"}
+        write(tmp_path, verdict)
+        assert describe_joint(read_closed_loop(tmp_path), "a")["change"] == word

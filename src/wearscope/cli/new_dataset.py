@@ -96,6 +96,8 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
               help="In the base frame [m/s^2]; 0,0,-9.81 if left out.")  # fmt: skip
 @click.option("--session", "sessions", multiple=True, metavar="FILE=LABEL", help="Session of a recording.")
+@click.option("--reference", multiple=True, metavar="LABEL",
+              help="Healthy session; each recording is one, by its file's name.")  # fmt: skip
 @click.option("--payload-of", "payloads", multiple=True, metavar="FILE=KG[,X,Y,Z]",
               help="Payload of one recording, and its centre.")  # fmt: skip
 @click.option("--topic", help="Of the joint states in a ROS 2 bag.")
@@ -142,6 +144,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         turned=_split(turned),
         accept=[code for one in stated.pop("accept") for code in _split(one)],
         sessions=_by_file("session", stated.pop("sessions"), recordings),
+        reference=[label for one in stated.pop("reference") for label in _split(one)],
         payloads={
             file: Numbers().convert(one, None, None)
             for file, one in _by_file("payload-of", stated.pop("payloads"), recordings).items()
@@ -168,7 +171,8 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             raise InputError(_name_option(found.problems[-1]))
     for note in found.notes[: limits.PROBLEMS]:
         say(f"  {note.replace(str(made), str(target))}")
-    say(f"Written: {target}, which passes its check. Next: wearscope diagnose {target}")
+    following = "track" if mapped.reference else "diagnose"
+    say(f"Written: {target}, which passes its check. Next: wearscope {following} {target}")
 
 
 def _split(text: str) -> list[str]:

@@ -1,7 +1,8 @@
 """What closing the loop left in its folder, as a page asks for it."""
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope import tables
+from wearscope.plain_yaml import load_plain_yaml
 from wearscope.reporting.page import interval_text, read_outcome
 
 STAGES = ("before", "after")
@@ -31,13 +33,18 @@ _SIGNALS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """One closed loop's outcome: ``verdict.json`` and its tables, None where it was closed without one."""
+    """One closed loop's outcome: ``verdict.json`` and its tables, None where it was closed without one.
+
+    `models` are the model files by stage, `links` mass [kg] and centre of mass [m] of each link by stage.
+    """
 
     verdict: Mapping[str, Any]
     residual: pd.DataFrame
     signals: pd.DataFrame | None = None
     profiles: pd.DataFrame | None = None
     forward: pd.DataFrame | None = None
+    models: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    links: Mapping[str, Mapping[str, tuple[float, tuple[float, ...]]]] = field(default_factory=dict)
 
     @property
     def joints(self) -> list[str]:
@@ -75,7 +82,26 @@ def read_closed_loop(folder: str | Path) -> ClosedLoop:
     verdict = read_outcome(Path(folder) / "verdict.json", "close the loop first")
     files = {name: Path(folder) / f"{name}.parquet" for name in ("residual", *_OPTIONAL)}
     known = {name for name, file in files.items() if name not in _OPTIONAL or file.exists()}
-    return ClosedLoop(verdict, **{name: tables.read_table(files[name]) for name in files if name in known})
+    found = {name: tables.read_table(files[name]) for name in files if name in known}
+    there = [stage for stage in STAGES if (Path(folder) / f"model_{stage}.yaml").is_file()]
+    models = {stage: load_plain_yaml(_read(folder, f"model_{stage}.yaml")) for stage in there}
+    links = {stage: _read_links(_read(folder, f"model_{stage}.urdf")) for stage in there}
+    return ClosedLoop(verdict, models=models, links=links, **found)
+
+
+def _read(folder: str | Path, name: str) -> str:
+    return (Path(folder) / name).read_text(encoding="utf-8")
+
+
+def _read_links(urdf: str) -> dict[str, tuple[float, tuple[float, ...]]]:
+    """Mass and centre of mass of each link that has them."""
+    found = {}
+    for link in ET.fromstring(urdf).iter("link"):
+        mass, origin = link.find("inertial/mass"), link.find("inertial/origin")
+        if mass is not None:
+            place = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+            found[link.get("name", "")] = float(mass.get("value", "nan")), tuple(map(float, place.split()))
+    return found
 
 
 def number(value: Any) -> float:

@@ -56,6 +56,14 @@ def parameter_name(code: str) -> str:
     return PARAMETERS.get(code, words(code))
 
 
+def parameter_units(code: str, torque: str) -> dict[str, str]:
+    """Units of an effect's parameters at a joint with a unit of torque; empty for one that is not known."""
+    from wearscope.effects.vocabulary import list_effects
+
+    known = next((one.parameters for one in list_effects() if one.name == code), ())
+    return {one.name: unit_text(one.unit_at("m" if torque == "N" else "rad", torque)) for one in known}
+
+
 def detector_name(code: str, use: str) -> str:
     """A detector by what it does and its letter: ``Friction fit (C)``.
 

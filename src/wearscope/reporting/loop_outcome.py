@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from wearscope.reporting.closed_loop import ClosedLoop, name_signal, number
+from wearscope.reporting.closed_loop import STAGES, ClosedLoop, name_signal, number
 from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
     UNKNOWN,
@@ -14,6 +14,7 @@ from wearscope.reporting.labels import (
     effect_name,
     join_words,
     parameter_name,
+    parameter_units,
     unit_text,
     upper_first,
 )
@@ -163,13 +164,54 @@ def render_outcome(loop: ClosedLoop) -> Markup:
 
 
 def render_parameters(loop: ClosedLoop) -> Markup:
-    """Parameters of what was added; nothing where nothing was."""
-    records = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
+    """Parameters of what was added, then all that was fitted; nothing where there is none of it."""
+    added = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
     text = (
-        "The corrected model holds them, except those of effects that it leaves out. The interval of one "
-        "parameter may hold zero where those of its effect together do not."
+        "Of what was added. The corrected model holds them, except those of effects that it leaves out. The "
+        "interval of one parameter may hold zero where those of its effect together do not."
     )
-    return render_table(records, text, filter_by=JOINT) if records else Markup("")
+    told = "Of the declared model: before and after, each fitted to the training runs."
+    masses = "Links and payload by the URDF of each model; the centre of mass is in the link's frame."
+    found = ((added, text, JOINT), (_list_fitted(loop), told, JOINT), (_list_links(loop), masses, {}))
+    return render_part(parts=[render_table(rows, note, filter_by=by) for rows, note, by in found if rows])
+
+
+def _list_fitted(loop: ClosedLoop) -> list[dict[str, str]]:
+    """Rows of the parameters of effects that both models have: Coulomb, viscous, rotor inertia, delays."""
+    if len(loop.models) < 2:
+        return []
+    before, after = (
+        {(one["joint"], one["effect"]): one for one in loop.models[stage]["effects"]} for stage in STAGES
+    )
+    rows = []
+    for (joint, effect), one in after.items():
+        own = before.get((joint, effect), {}).get("parameters", {})
+        units = parameter_units(effect, loop.verdict["joints"].get(joint, {}).get("unit", "N m"))
+        for name, value in one.get("parameters", {}).items() if own else ():
+            ends = one.get("intervals", {}).get(name, (None, None))
+            interval = " to ".join(format_number(number(end)) for end in ends)
+            rows.append(
+                {"joint": joint, "effect": effect_name(effect), "parameter": parameter_name(name)}
+                | {"before": format_number(number(own.get(name))), "after": format_number(number(value))}
+                | {"95 % interval": "fixed" if None in ends else interval, "unit": units.get(name, "")}
+            )
+    return rows
+
+
+def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
+    """Rows of the links whose mass was refitted, and of the payload."""
+    if len(loop.links) < 2:
+        return []
+    rows: list[dict[str, Any]] = []
+    for link, (mass, place) in loop.links["after"].items():
+        before, _ = loop.links["before"].get(link, (np.nan, ()))
+        rows.append({"body": link, "mass before [kg]": before, "mass after [kg]": mass})
+        rows[-1]["centre of mass [m]"] = ", ".join(format_number(one) for one in place)
+    if payload := loop.models["after"].get("payload"):
+        place = ", ".join(format_number(number(one)) for one in payload["com"])
+        rows.append({"body": "payload, as declared", "mass before [kg]": payload["mass"]})
+        rows[-1] |= {"mass after [kg]": payload["mass"], "centre of mass [m]": place}
+    return rows
 
 
 def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
@@ -177,6 +219,8 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     one = loop.verdict["joints"][joint]
     kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
     change = told = one["error"] or "n/a"
+    if change == "smaller" and number(one["rms_after"]) > (1.0 - SLIGHT) * number(one["rms_before"]):
+        change = told = "same"
     if change == "larger":
         growth = number(one["rms_after"]) / number(one["rms_before"]) - 1.0
         told = f"larger by {100 * growth:.{0 if growth > SLIGHT else 1}f} %"

@@ -88,6 +88,8 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {quote(one)}" for one in mapped.accept]
+    if mapped.reference:
+        lines.append(f"reference: {_list(mapped.reference)} # sessions in which the machine was healthy")
     lines.append("runs:")
     payload = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
     lines += [_describe_run(run, mapped, payload) for run in converted.runs]
@@ -104,6 +106,6 @@ def _describe_run(run: Recorded, mapped: Mapped, common: Sequence[float] | None)
     if carried is not None:
         mass, *com = carried
         line += f", payload: {{mass: {mass:g}, com: [{', '.join(f'{one:g}' for one in com or (0, 0, 0))}]}}"
-    if run.file in mapped.sessions:
-        line += f", session: {quote(mapped.sessions[run.file])}"
+    if session := mapped.sessions.get(run.file, run.name if mapped.reference else ""):
+        line += f", session: {quote(session)}"
     return f"- {{{line}}}"

@@ -52,6 +52,9 @@ class Mapped:
         In the base frame [m/s^2]; of a robot that stands upright where empty.
     sessions : mapping of str to str
         Label of a recording's session, by file name.
+    reference : sequence of str
+        Sessions in which the machine was healthy. With them a recording without a label is a session of its
+        name.
     payloads : mapping of str to sequence of float
         Mass [kg] and centre of mass [m] of a recording's payload, by file name.
     """
@@ -83,3 +86,4 @@ class Mapped:
     gravity: Sequence[float] = ()
     sessions: Mapping[str, str] = field(default_factory=dict)
     payloads: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    reference: Sequence[str] = ()
