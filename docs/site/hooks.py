@@ -71,10 +71,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for source, page in SHOWN.items():
         if (ROOT / source).is_file():
             pages[page] = move_links((ROOT / source).read_text(encoding="utf-8"), Path(source))
-    for name, picture in {**pictures.make_pictures(), **torque_pictures.make_pictures()}.items():
-        files.append(File.generated(config, name, content=picture))
-    for name, text in pages.items():
-        files.append(File.generated(config, name, content=text))
+    made: dict[str, str | bytes] = {**pictures.make_pictures(), **torque_pictures.make_pictures(), **pages}
+    for name, content in made.items():
+        if (written := files.get_file_from_path(name)) is not None:  # without the pictures that are made here
+            files.remove(written)
+        files.append(File.generated(config, name, content=content))
     return files
 
 

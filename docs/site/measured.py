@@ -1,4 +1,4 @@
-"""Tables that pages name as ``[[table: NAME]]``: measured ones from a file, numbers from the code."""
+"""Tables between ``<!-- table: NAME -->`` and ``<!-- end -->``: measured ones from a file, numbers from the code."""
 
 import re
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.thinning import Budget
 
 FILE = Path(__file__).with_name("measured.yaml")
-_PLACE = re.compile(r"\[\[(table|value): (\w+)\]\]")
+_PLACE = re.compile(r"(<!-- (table|value): (\w+) -->).*?(<!-- end -->)", re.DOTALL)
 
 
 @cache
@@ -32,10 +32,11 @@ def fill_places(text: str) -> str:
     content = read_measured()
 
     def fill(match: re.Match) -> str:
-        kind, name = match.groups()
+        begin, kind, name, end = match.groups()
         if kind == "value":
-            return f"{getattr(Budget(), name):g}"
-        return MADE[name]() if name in MADE else measured_table(content[name])
+            return f"{begin}{getattr(Budget(), name):g}{end}"
+        table = MADE[name]() if name in MADE else measured_table(content[name])
+        return f"{begin}\n\n{table}\n\n{end}"
 
     return _PLACE.sub(fill, text)
 

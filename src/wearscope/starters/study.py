@@ -142,6 +142,7 @@ def write_study(
     with new_folder(target) as folder:
         (folder / "config").mkdir()
         (folder / "config" / "config.yaml").write_text(text, encoding="utf-8")
+        copy_file(find_home() / "config" / "schema.json", folder / "config" / "schema.json")
         (folder / "Snakefile").write_text(fill_template("Snakefile"), encoding="utf-8")
         profile = Path("profiles") / "default"
         shutil.copytree(find_home() / profile, folder / profile, copy_function=copy_file)
