@@ -91,8 +91,8 @@ def reference_page() -> str:
     parts = [
         "# Python",
         "",
-        "`import wearscope` has `Study`, `diagnose`, `track`, `detect`, `evaluate`, `example_dataset`, `simulate`",
-        "and `InputError`.",
+        "`import wearscope` has `Study`, `diagnose`, `track`, `detect`, `evaluate`, `example_dataset`,",
+        "`simulate` and `InputError`.",
     ]
     for heading, modules in REFERENCE.items():
         parts += ["", f"## {heading}", ""]

@@ -1,4 +1,4 @@
-"""Tables between ``<!-- table: NAME -->`` and ``<!-- end -->``: measured ones from a file, numbers from the code."""
+"""Tables of pages, after ``<!-- table: NAME -->``: measured ones from a file, numbers from the code."""
 
 import re
 from collections.abc import Callable

@@ -2,8 +2,8 @@
 
     python docs/site/written.py
 
-Tables go between ``<!-- table: NAME -->`` and ``<!-- end -->``; pages of effects, detectors, tables, examples and
-result files are written without the pictures that only the site draws. A test compares.
+Tables go between ``<!-- table: NAME -->`` and ``<!-- end -->``. Pages of effects, detectors, tables, examples
+and result files are written without the pictures that only the site draws. A test compares.
 """
 
 import re
