@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pandas as pd
 
@@ -15,7 +15,7 @@ from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
 
 #: Data frames by the names that their runs get.
-Frames = pd.DataFrame | Sequence[pd.DataFrame] | Mapping[str, pd.DataFrame]
+Frames: TypeAlias = "pd.DataFrame | Sequence[pd.DataFrame] | Mapping[str, pd.DataFrame]"
 
 
 def check_options(call: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
