@@ -12,6 +12,8 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.thinning import Budget
 
 FILE = Path(__file__).with_name("measured.yaml")
+#: A place that nothing was written into yet.
+_NEW = re.compile(r"\[\[(table|value): (\w+)\]\]")
 _PLACE = re.compile(r"(<!-- (table|value): (\w+) -->).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -30,6 +32,7 @@ def fill_places(text: str) -> str:
         Where a page asks for what there is not.
     """
     content = read_measured()
+    text = _NEW.sub(r"<!-- \1: \2 --><!-- end -->", text)
 
     def fill(match: re.Match) -> str:
         begin, kind, name, end = match.groups()

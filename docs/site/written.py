@@ -2,8 +2,9 @@
 
     python docs/site/written.py
 
-Tables go between ``<!-- table: NAME -->`` and ``<!-- end -->``. Pages of effects, detectors, tables, examples
-and result files are written without the pictures that only the site draws. A test compares.
+A table is put into a page as ``[[table: NAME]]``; this writes it between ``<!-- table: NAME -->`` and
+``<!-- end -->``. Pages of effects, detectors, tables, examples and result files are written without the
+pictures that only the site draws. A test compares.
 """
 
 import re

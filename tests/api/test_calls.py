@@ -141,9 +141,10 @@ def test_a_detection_has_its_verdicts_and_an_evaluation_its_errors():
         found.plot("Z")
     torque = {"joint": ["j1", "j1", "j2"], "unit": "N m", "torque_rms": [10.0, 10.0, 5.0],
               "error_rms": [1.0, 3.0, np.nan]}  # fmt: skip
-    errors = EvaluationResult(ModelErrors(pd.DataFrame(torque), pd.DataFrame()))
+    judged = {"joints": 1, "of": 2, "seconds": 8.0, "refused": ["runs/b.csv: no torque"]}
+    errors = EvaluationResult(ModelErrors(pd.DataFrame(torque), pd.DataFrame(), judged))
     assert errors.summary()["error_percent"].iloc[0] == pytest.approx(100 * np.sqrt(5) / 10)
-    assert "most at j1" in repr(errors) and errors.plot().patches
+    assert "most at j1; judged at 1 of 2 joints over 8 s" in repr(errors) and errors.plot().patches
 
 
 @pytest.mark.slow

@@ -287,9 +287,9 @@ class EvaluationResult(Shown):
         if rows.empty:
             return "nothing could be simulated"
         worst = rows.loc[rows["error_percent"].idxmax()]
-        return (
-            f"up to {worst['error_percent']:.2g} % of the torque is not predicted, most at {worst['joint']}"
-        )
+        size, judged = f"{worst['error_percent']:.2g} %", self.outcome.judged
+        where = f"; judged at {judged['joints']} of {judged['of']} joints over {judged['seconds']:.3g} s"
+        return f"up to {size} of the torque is not predicted, most at {worst['joint']}{where}"
 
     def summary(self) -> pd.DataFrame:
         """A row a joint: measured torque and error (RMS over all runs), and their ratio."""

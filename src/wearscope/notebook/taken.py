@@ -15,7 +15,7 @@ from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
 
 #: Data frames by the names that their runs get.
-Frames: TypeAlias = "pd.DataFrame | Sequence[pd.DataFrame] | Mapping[str, pd.DataFrame]"
+Frames: TypeAlias = pd.DataFrame | Sequence[pd.DataFrame] | Mapping[str, pd.DataFrame]
 
 
 def check_options(call: str, given: Mapping[str, Any], known: Sequence[str]) -> None:

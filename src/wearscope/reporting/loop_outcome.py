@@ -172,8 +172,10 @@ def render_parameters(loop: ClosedLoop) -> Markup:
     )
     told = "Of the declared model: before and after, each fitted to the training runs."
     masses = "Links and payload by the URDF of each model; the centre of mass is in the link's frame."
-    found = ((added, text, JOINT), (_list_fitted(loop), told, JOINT), (_list_links(loop), masses, {}))
-    return render_part(parts=[render_table(rows, note, filter_by=by) for rows, note, by in found if rows])
+    joints = ((added, text), (_list_fitted(loop), told))
+    parts = [render_table(rows, note, filter_by=JOINT) for rows, note in joints if rows]
+    links = _list_links(loop)
+    return render_part(parts=[*parts, *([render_table(links, masses)] if links else [])])
 
 
 def _list_fitted(loop: ClosedLoop) -> list[dict[str, str]]:
@@ -208,9 +210,9 @@ def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
         rows.append({"body": link, "mass before [kg]": before, "mass after [kg]": mass})
         rows[-1]["centre of mass [m]"] = ", ".join(format_number(one) for one in place)
     if payload := loop.models["after"].get("payload"):
-        place = ", ".join(format_number(number(one)) for one in payload["com"])
+        centre = ", ".join(format_number(number(one)) for one in payload["com"])
         rows.append({"body": "payload, as declared", "mass before [kg]": payload["mass"]})
-        rows[-1] |= {"mass after [kg]": payload["mass"], "centre of mass [m]": place}
+        rows[-1] |= {"mass after [kg]": payload["mass"], "centre of mass [m]": centre}
     return rows
 
 

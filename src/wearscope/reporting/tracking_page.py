@@ -46,6 +46,10 @@ _MOST_TOLD = 3
 _SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 
 
+#: How a sentence begins on friction that changed by wear or by temperature.
+_OPEN_FRICTION = "The friction of "
+
+
 @dataclass(frozen=True)
 class Tracking:
     """Outcome of tracking one machine: ``tracking.json`` and ``changes.parquet``."""
@@ -73,7 +77,7 @@ class Tracking:
             joint: text
             for joint in self.joints
             for text in self.outcome["sessions"][place]["cannot_tell"]
-            if text.startswith(f"The friction of {joint} changed by ")
+            if text.startswith(f"{_OPEN_FRICTION}{joint} changed by ")
         }
 
     def open_since(self, joint: str) -> str:
@@ -273,12 +277,19 @@ def _sessions(found: list[dict[str, Any]]) -> Markup:
     records = [
         {
             "session": one["session"],
-            "changes": " ".join(map(tell_entry, one["changes"])) or "none",
+            "changes": " ".join(map(tell_entry, one["changes"])) or _tell_open(one["cannot_tell"]),
             "cannot tell": " ".join(one["cannot_tell"]) or "nothing",
         }
         for one in found
     ]
     return render_table(records)
+
+
+def _tell_open(texts: list[str]) -> str:
+    """What stands where no change is named: none, or that friction changed by what is not told apart."""
+    known = [text.partition(" changed by ")[0] for text in texts if text.startswith(_OPEN_FRICTION)]
+    joints = join_words([one.removeprefix(_OPEN_FRICTION) for one in known])
+    return f"changed, cause open: friction of {joints}" if joints else "none"
 
 
 def _healthy(outcome: Mapping[str, Any]) -> Markup:
