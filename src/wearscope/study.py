@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 _KEYS = ("robot", "cycle", "axis", "fda")
 _FIGURES = ("scope", "sensitivity", "snr")
-#: Units of columns in every table that has them: a coded unit is a quarter of a factor's range.
-_UNITS = {"delta": "coded", "sigma": "coded", "p_d": "1", "confidence": "1", "snr": "1", "snr_exact": "1"}
+#: Units of the columns of the scope: a coded unit is a quarter of a factor's range.
+_UNITS = {"delta": "coded", "sigma": "coded", "p_d": "1", "confidence": "1"}
+_SCOPES = ("scope", "group_scope")
 
 
 class Study:
@@ -103,8 +104,8 @@ class Study:
                     raise InputError(f"{path}: no row has {column} '{one}'; there are {told}.")
             frame = frame[frame[column].isin(list(values))]
         frame = frame.reset_index(drop=True)
-        coded = {name: unit for name, unit in _UNITS.items() if name in frame.columns}
-        frame.attrs["units"] = coded | tables.read_units(path)
+        known_units = {one: unit for one, unit in _UNITS.items() if one in frame and name in _SCOPES}
+        frame.attrs["units"] = known_units | tables.read_units(path)
         return frame
 
     def snr(self, **where: Any) -> pd.DataFrame:
