@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from job import clear_answer, run_job
-from wearscope.closed_loop.run import close_loop
 from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.run import close_loop
 
 with run_job(snakemake) as say:
     folder, params = Path(snakemake.output[0]).parent, snakemake.params
