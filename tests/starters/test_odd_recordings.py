@@ -59,6 +59,8 @@ def test_arrays_of_any_kind_are_read_or_refused(table, tmp_path):
             refused.add(kind)
     assert {"c8", "c16", "V8", "structured", "empty", "longer", "objects"} <= refused
     assert not refused & {*NUMBERS, "NaN", "a column", "Fortran"}
+    rows = {name: table[name].to_numpy()[None] for name in table}  # a column for each sample
+    assert read(tmp_path / "c.npz", pack(rows)) is None
     out = io.BytesIO()
     np.save(out, table.to_numpy())
     assert read(tmp_path / "b.npz", out.getvalue()) is None

@@ -63,10 +63,12 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        Where it has no row, a name is long, or cells hold more than a number, text, date or list of these.
+        Where it has no rows or too many columns, a name is long, or cells hold more than a number, text, date
+        or list of these.
     """
-    if not len(frame):
-        raise InputError(f"{path}: holds no row; record it again, or leave it out.")
+    if len(frame) < 2 or len(frame.columns) > limits.COLUMNS:
+        few = "holds fewer than two rows" if len(frame) < 2 else f"has more than {limits.COLUMNS} columns"
+        raise InputError(f"{path}: {few}; record it again with a row a sample, or leave it out.")
     columns = {}
     for k, name in enumerate(map(escape_text, map(str, frame.columns))):
         if len(name) > limits.COLUMN or name in columns:
