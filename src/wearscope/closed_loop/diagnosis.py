@@ -1,7 +1,7 @@
 """The one door: `diagnose(dataset)` reads, searches, fits and marks, and returns a `Diagnosis`."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -12,17 +12,18 @@ import pandas as pd
 
 from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
+from wearscope.closed_loop.diagnostics.contradictions import Contradiction, find_contradictions
 from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
-from wearscope.closed_loop.inference.answer import Found, find_terms
+from wearscope.closed_loop.inference.answer import Found, Left, find_terms
 from wearscope.closed_loop.inference.delays import is_lag
 from wearscope.closed_loop.inference.detection_limits import tell_limits
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model
-from wearscope.closed_loop.inference.status import mark_delays, mark_terms
+from wearscope.closed_loop.inference.status import Marked, mark_delays, mark_terms
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.thinning import Budget
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
@@ -36,12 +37,15 @@ from wearscope.closed_loop.model.possible import keep_possible
 from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
+from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.posing import pose_problem
 from wearscope.closed_loop.verdict import make_verdict
 
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.
 _FAR = 0.1
+#: Share of itself within which delays of several joints are one.
+_ALIKE = 0.2
 #: Times that the search goes on with another load.
 _LOADS = 3
 #: Quantile of a normal distribution that 5 % exceed.
@@ -150,16 +154,42 @@ Revised = tuple[str, Problem, Sequence[Attribution], list[Event]]
 
 
 def move_delays(found: Diagnosis, budget: Budget | None = None) -> Revised | None:
-    """The problem with torque channels moved by delays in which they are far from linear, if any."""
-    late = list_delays(found)
+    """The problem with torque channels moved by delays, if any must be.
+
+    A channel is moved where the torque that is compared is far from linear in its delay. Where several joints
+    have one delay, it is the recorder's, and all channels are moved by it.
+    """
+    common = find_common_delay(found)
+    late = common or list_delays(found)
     if not late:
         return None
     names = ", ".join(found.prepared.dataset.joints[a.term.joint] for a in late)
     terms = [a.term for a in late]
     rest = [term for term in found.after.entries if not term.is_measurement_error]
-    moved = move_by_delays(refit(found.after, rest), [term.joint for term in terms], budget)
+    joints = [term.joint for term in terms]
+    moved = move_by_delays(refit(found.after, rest), joints, budget, common=bool(common))
     problem = Problem(moved, found.problem.declared, found.problem.own, terms)
-    return f"{names}: the torque channels are moved by their delays", problem, late, []
+    told = "one delay of the recorder" if common else "their delays"
+    return f"{names}: the torque channels are moved by {told}", problem, late, []
+
+
+def find_common_delay(found: Diagnosis) -> list[Attribution]:
+    """The delays of all joints that move, where those that were found are one; none where they are not."""
+    lags = {a.term.joint: a for a in found.attributions if is_lag(a.term.effect)}
+    if len(lags) < 2:
+        return []
+    own = {id(a.term) for a in lags.values()}
+    every = [e for e in found.estimates["proposed"] if id(e.entry) in own]
+    values = np.array([e.values["delay"] for e in every])
+    widths = np.array([np.ptp(e.intervals["delay"]) / 2.0 if e.intervals else 0.0 for e in every])
+    mean = float(np.median(values))
+    if not np.all(np.abs(values - mean) <= np.maximum(widths, _ALIKE * abs(mean))):
+        return []
+    one = next(iter(lags.values()))
+    return [
+        lags.get(j, replace(one, term=replace(one.term, joint=j), share=0.0, equivalent=[], withdrawn=""))
+        for j in np.flatnonzero(found.prepared.moving).tolist()
+    ]
 
 
 def leave_out_events(found: Diagnosis) -> Revised | None:
@@ -265,6 +295,8 @@ def conclude(
     aligned, impossible = keep_possible(declared, len(declared.entries))
     before = undo_shifts(aligned, problem.late)
     after, why, beyond, helped = withdraw_worse(declared, aligned, sigma, terms, marked)
+    apart = find_contradictions(prepared, after)
+    marked = [_withhold(term, mark, apart) for term, mark in zip(terms, marked, strict=True)]
     named = [
         Attribution(term, f.share, f.probability, names, mark, withdrawn)
         for term, f, names, mark, withdrawn in zip(terms, determined, equivalent, marked, why, strict=True)
@@ -273,7 +305,11 @@ def conclude(
     named = [*(replace(a, marked=mark) for a, mark in zip(late, delays, strict=True)), *named]
     here = [a.term for a in named if a.kept]
     gone = [(a.term, a.share, a.withdrawn) for a in named if not a.kept]
-    states = judge_joints(prepared, after, here, answer.left, policy, gone)
+    left = answer.left | {
+        j: Left(one.share, [], f"training runs contradict each other: {', '.join(one.files)} and the others")
+        for j, one in apart.items()
+    }
+    states = judge_joints(prepared, after, here, left, policy, gone)
     predicted = predict_runs(prepared, before, after)
     worth = measure_worth(prepared, predicted)
     states = withhold_judgement(prepared, states, worth)
@@ -302,7 +338,14 @@ def conclude(
         answer.limits,
         answer,
         late=late,
+        contradictory=sorted({file for one in apart.values() for file in one.files}),
     )
+
+
+def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:
+    """What test runs say of a name, which runs that contradict each other cannot have confirmed."""
+    touched = bool(apart) if term.effect.spread else term.joint in apart
+    return replace(mark, status="not_confirmed") if touched and mark.status == "confirmed" else mark
 
 
 def settle_rests(

@@ -74,6 +74,8 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
         "verdict": entries,
+        "contradictory_runs": diagnosis.contradictory,
+        "time_delay": tell_common_delay(diagnosis),
         "events": diagnosis.events,
         "collision_thresholds": suggest_thresholds(runs, left, diagnosis.events, joints),
         "torque": prepared.torque_readings,
@@ -88,6 +90,16 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
         "notes": prepared.notes + diagnosis.notes + [told for _, told in far],
     }
+
+
+def tell_common_delay(diagnosis: Outcome) -> dict[str, Any] | None:
+    """The delay of the recorder by which several channels were moved; None where there is no such one."""
+    dataset = diagnosis.prepared.dataset
+    late = [a.term.joint for a in diagnosis.late]
+    delays = {dataset.delays[j] for j in late} if dataset.delays else set()
+    if len(late) < 2 or len(delays) > 1:
+        return None
+    return {"seconds": delays.pop(), "joints": [dataset.joints[j] for j in late]}
 
 
 def list_far_links(diagnosis: Outcome) -> list[tuple[str, str]]:

@@ -82,6 +82,8 @@ class Outcome:
         Short events, as ``verdict.json`` has them, whose rows are left out.
     late : sequence of Attribution
         Delays by which channels were moved.
+    contradictory : list of str
+        Training runs that contradict the others.
     """
 
     prepared: Prepared
@@ -98,6 +100,7 @@ class Outcome:
     answer: Answer = field(repr=False)
     events: list[Event] = field(default_factory=list)
     late: Sequence[Attribution] = ()
+    contradictory: list[str] = field(default_factory=list)
 
     @property
     def candidates(self) -> pd.DataFrame:

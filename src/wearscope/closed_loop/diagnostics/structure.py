@@ -25,6 +25,8 @@ from wearscope.closed_loop.model.terms import ModelTerm
 
 #: p-value of a difference between runs, over the joints; standard errors of a sum over blocks that is there.
 _LEVEL, _SURE = 0.005, 3.0
+#: p-value at which runs have a mean in common.
+_MEANS = 0.02
 #: Factor of two errors (RMS) from which a model does not carry over to other motions.
 _ALIKE = 1.5
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
@@ -103,6 +105,9 @@ def judge_joints(
             *see_repeats(repeats, own, keep, policy),
             *_from_runs(train, own, keep, prepared, j, policy),
             *see_level(train, own, keep, policy),
+            *_from_means(
+                [*own, *(r[:, j] for r in tested)], [*keep, *(run.keep[:, j] for run in test)], policy
+            ),
             *see_jumps(train, own, keep, policy),
             *see_shifts(train, own, keep, policy),
             *see_lines([x[:, j] for x in full], train, own, keep, band.rate, band.torque, moving, policy),
@@ -185,6 +190,23 @@ def _from_runs(
         name = SIGNALS[best].format(joint=prepared.dataset.joints[joint])
         seen.append(Seen(share, [name], f"what goes with {name} differs from run to run"))
     return seen
+
+
+def _from_means(own: list[np.ndarray], keep: list[np.ndarray], policy: Policy) -> list[Seen]:
+    """A mean of one sign and about one size in every run, those of the test too: that is no noise."""
+    counted = [x[k] for x, k in zip(own, keep, strict=True) if k.any()]
+    if len(counted) < 3:
+        return []
+    means = np.array([x.mean() for x in counted])
+    mean, spread = float(means.mean()), float(means.std(ddof=1))
+    share = mean**2 / max(float(np.mean(np.concatenate(counted) ** 2)), 1e-300)
+    error = spread / np.sqrt(len(means))
+    p_value = 2.0 * float(stats.t.sf(abs(mean) / max(error, 1e-300), len(means) - 1))
+    if share < policy.structure_share or np.ptp(np.sign(means)) > 0.0 or p_value > _MEANS:
+        return []
+    return [
+        Seen(min(share, 1.0), [], f"its mean is about {mean:.2g} in every run, as of an offset or a weight")
+    ]
 
 
 def _compare_noise(train: list[np.ndarray], test: list[np.ndarray]) -> float:

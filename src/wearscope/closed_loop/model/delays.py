@@ -27,23 +27,52 @@ _LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
 _MOST_ROWS = 20_000
 
 
-def find_delays(model: Regression) -> np.ndarray:
-    """Delay (n,) [s] of each torque channel that leaves least of it; zero for joints that do not move.
+def find_delays(model: Regression, joints: Sequence[int], common: bool = False) -> np.ndarray:
+    """Delay (n,) [s] of each torque channel that leaves least of it; zero at the other joints.
 
     Parameters
     ----------
     model : Regression
         The declared model without delays.
+    joints : sequence of int
+        Where a channel may be late.
+    common : bool
+        Whether all of them have one delay, that of their recorder.
     """
-    return np.array(
-        [_find_delay(model, j) if moves else 0.0 for j, moves in enumerate(model.prepared.moving)]
-    )
+    delays = np.zeros(model.prepared.n)
+    groups = [list(joints)] if common else [[j] for j in joints]
+    for group in groups:
+        misses = [_weigh_delays(model, j) for j in group]
+        delays[group] = _find_least(model, [one for one in misses if one is not None])
+    return delays
 
 
-def _find_delay(model: Regression, joint: int) -> float:
+def _find_longest(model: Regression) -> float:
+    """Longest delay that is searched [s]."""
+    train = model.prepared.runs_for("train")
+    return min(_LONGEST, _SHARE * min(float(run.t[-1] - run.t[0]) for run in train))
+
+
+def _find_least(model: Regression, misses: Sequence[Callable[[float], float]]) -> float:
+    """Delay [s] at which joints together leave least."""
+    if not misses:
+        return 0.0
+    longest = _find_longest(model)
+
+    def miss(delay: float) -> float:
+        return sum(np.log(max(one(delay), 1e-300)) for one in misses)
+
+    step = 1.0 / (_STEPS * model.prepared.band.torque)
+    grid = step * np.arange(-int(longest / step), int(longest / step) + 1)
+    best = float(grid[int(np.argmin([miss(d) for d in grid]))])
+    low, high = max(best - step, -longest), min(best + step, longest)
+    return float(optimize.minimize_scalar(miss, bounds=(low, high), method="bounded").x)
+
+
+def _weigh_delays(model: Regression, joint: int) -> Callable[[float], float] | None:
+    """Share of a joint's torque that is left with its channel moved by a delay; None of too few rows."""
     prepared = model.prepared
-    train = prepared.runs_for("train")
-    longest = min(_LONGEST, _SHARE * min(float(run.t[-1] - run.t[0]) for run in train))
+    train, longest = prepared.runs_for("train"), _find_longest(model)
     every = max(1, sum(len(run.t) for run in train) // _MOST_ROWS)
     columns, parts = [], []
     for run, x in zip(train, model.columns, strict=True):
@@ -55,7 +84,7 @@ def _find_delay(model: Regression, joint: int) -> float:
         parts.append((interpolate.CubicSpline(run.t, run.measured[:, joint]), run.t[at]))
     stacked = np.concatenate(columns)
     if len(stacked) <= 2 * stacked.shape[1]:
-        return 0.0
+        return None
     basis, sizes, _ = np.linalg.svd(
         stacked / np.maximum(np.abs(stacked).max(axis=0), 1e-12), full_matrices=False
     )
@@ -65,11 +94,7 @@ def _find_delay(model: Regression, joint: int) -> float:
         y = np.concatenate([torque(t + delay) for torque, t in parts])
         return float(y @ y - np.sum((basis.T @ y) ** 2)) / float(y @ y)
 
-    step = 1.0 / (_STEPS * prepared.band.torque)
-    grid = step * np.arange(-int(longest / step), int(longest / step) + 1)
-    best = float(grid[int(np.argmin([miss(d) for d in grid]))])
-    low, high = max(best - step, -longest), min(best + step, longest)
-    return float(optimize.minimize_scalar(miss, bounds=(low, high), method="bounded").x)
+    return miss
 
 
 def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
@@ -85,7 +110,9 @@ def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
     return replace(dataset, runs=runs, notes=notes, delays=tuple(delays.tolist()))
 
 
-def move_by_delays(model: Regression, joints: Sequence[int], budget: Budget | None = None) -> Prepared:
+def move_by_delays(
+    model: Regression, joints: Sequence[int], budget: Budget | None = None, common: bool = False
+) -> Prepared:
     """The data set prepared again, the torque channels of some joints moved by their delays.
 
     Parameters
@@ -95,9 +122,12 @@ def move_by_delays(model: Regression, joints: Sequence[int], budget: Budget | No
     joints : sequence of int
     budget : Budget, optional
         How much of the runs is used.
+    common : bool
+        Whether all of them have one delay.
     """
     prepared = model.prepared
-    delays = np.where(np.isin(np.arange(prepared.n), joints), find_delays(model), 0.0)
+    able = [j for j in joints if prepared.moving[j]]
+    delays = find_delays(model, able, common)
     moved = prepare_thinned(move_torque(prepared.dataset, delays), budget)
     kept = {name: getattr(prepared, name) for name in ("link_side", "torque_factors", "checked")}
     return replace(moved, notes=[*moved.notes, *prepared.checked], **kept)

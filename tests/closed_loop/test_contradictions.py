@@ -1,0 +1,88 @@
+"""Runs in which a torque acts from outside contradict the others; noise and drifts do not."""
+
+import numpy as np
+import pytest
+
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.diagnostics.contradictions import find_contradictions
+from wearscope.closed_loop.diagnostics.structure import _from_means
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.model.declared import fit_declared_model
+
+
+def in_runs(torque, where):
+    """A torque in some of the runs."""
+    number = iter(range(99))
+    return lambda t, q, v, a, rng: torque(t, q, v, a, rng) if next(number) in where else 0.0 * q
+
+
+def pull(t, q, v, a, rng):
+    """A hand that pulls the first joint to an angle, for seconds at a time."""
+    there = np.clip(3.0 * np.sin(2.0 * np.pi * t / 5.0), 0.0, 1.0)
+    return np.column_stack([-30.0 * there * (q[:, 0] - 1.0), 0.0 * t])
+
+
+def drag(t, q, v, a, rng):
+    """A hand that slows the second joint down."""
+    return np.column_stack([0.0 * t, -25.0 * (np.sin(t) > 0.0) * np.tanh(v[:, 1])])
+
+
+@pytest.mark.parametrize(("torque", "joint"), [(pull, "a"), (drag, "b")])
+@pytest.mark.parametrize("where", [(1,), (1, 2)])
+def test_runs_with_a_torque_from_outside_are_named_and_nothing_is_confirmed(record, torque, joint, where):
+    folder = record(extra_torque=in_runs(torque, where), seed=9, runs=5, duration=12.0)
+    verdict = diagnose(folder).verdict
+    assert verdict["contradictory_runs"] == [f"runs/r{k}.parquet" for k in where]
+    assert verdict["joints"][joint]["state"] == "unexplained"
+    assert "contradict each other" in verdict["joints"][joint]["reason"]
+    assert not any(e["status"] == "confirmed" for e in verdict["verdict"] if e["joint"] == joint)
+
+
+def louder(t, q, v, a, rng):
+    return 6.0 * rng.standard_normal(q.shape)
+
+
+def drift(t, q, v, a, rng):
+    return 0.1 * np.cumsum(rng.standard_normal(q.shape), axis=0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("noise", ["white", "louder", "drift"])
+def test_noise_is_no_contradiction(record, pose, noise, seed):
+    torque = {"white": None, "louder": in_runs(louder, (1,)), "drift": drift}[noise]
+    problem = pose(record(extra_torque=torque, seed=seed, runs=5, duration=10.0))
+    model = fit_declared_model(
+        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+    )
+    assert find_contradictions(problem.prepared, model) == {}
+
+
+def test_a_mean_of_one_sign_in_every_run_is_no_noise():
+    rng = np.random.default_rng(3)
+    slow = [np.cumsum(rng.standard_normal(400)) / 20.0 for _ in range(4)]
+    slow = [x - x.mean() for x in slow]
+    keep = [np.ones(400, dtype=bool)] * 4
+    assert _from_means(slow, keep, Policy()) == []
+    (seen,) = _from_means([x + 0.8 for x in slow], keep, Policy())
+    assert "0.8 in every run" in seen.reason and 0.2 < seen.share < 1.0
+    # Of either sign, or of two runs, it may be a drift's.
+    mixed = [x + mean for x, mean in zip(slow, (0.8, -0.8, 0.8, 0.8), strict=True)]
+    assert _from_means(mixed, keep, Policy()) == []
+    assert _from_means([x + 0.8 for x in slow[:2]], keep[:2], Policy()) == []
+
+
+def test_equal_delays_of_joints_are_the_recorder_s(record):
+    delay = 0.006
+    planted = [(joint, "time_delay", {"delay": delay}) for joint in (0, 1)]
+    verdict = diagnose(record(planted=planted, seed=4)).verdict
+    assert verdict["time_delay"]["joints"] == ["a", "b"]
+    assert verdict["time_delay"]["seconds"] == pytest.approx(delay, abs=0.001)
+    assert {(e["joint"], e["effect"]) for e in verdict["verdict"]} == {
+        ("a", "time_delay"),
+        ("b", "time_delay"),
+    }
+
+
+def test_a_delay_of_one_joint_is_its_own(record):
+    verdict = diagnose(record(planted=[(0, "time_delay", {"delay": 0.006})], seed=4)).verdict
+    assert verdict["time_delay"] is None
