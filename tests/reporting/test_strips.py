@@ -152,7 +152,7 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
         and strip.kind == "bad"
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
-    assert "maintenance" in strip.action and strip.caveat == last["cannot_tell"][0]
+    assert "maintenance" in strip.action and strip.caveat.endswith(last["cannot_tell"][0])
 
 
 def test_the_check_of_finished_pages_sees_a_name_and_a_number_that_differ(tmp_path):
@@ -179,7 +179,7 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
     strip = read_strip(tmp_path / "report.html")
     said = "Nothing changed since the machine was healthy."
     assert strip.answer.endswith(f"{said} Changes were seen in d3.") and strip.kind == "unsure"
-    assert strip.caveat.startswith("3 short events left out; they are no change.")
+    assert "3 short events left out; they are no change." in strip.caveat
     assert "a 9" in (tmp_path / "report.html").read_text()
     outcome["sessions"][0] |= {"changes": []}
     write_tracking(tmp_path, outcome)

@@ -198,6 +198,8 @@ def tracking_strip(tracking: Tracking) -> Strip:
     if events := len(join_events(last.get("events", []))):
         they = "it is" if events == 1 else "they are"
         caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
+    if scattering := [one["session"] for one in outcome["reference_scatter"]]:
+        caveat = f"Left out of the reference, since it scatters: {join_words(scattering)}. {caveat}"
     sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
     return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
 

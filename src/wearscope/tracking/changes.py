@@ -78,17 +78,16 @@ class Change:
         weights = np.array(self.weights)
         return value * weights, error * np.abs(weights)
 
-    def columns(self, signals: Signals) -> np.ndarray:
-        """Full-rate regressors (N, n, count)."""
-        x = np.concatenate([term_columns(term, signals) for term in self.terms], axis=2)
+    def columns(self, signals: Signals, bodies: np.ndarray) -> np.ndarray:
+        """Full-rate regressors (N, n, count); `bodies` (N, n, 10 n) are those of the links' parameters."""
+        x = np.concatenate([_term_columns(term, signals, bodies) for term in self.terms], axis=2)
         return x @ np.array(self.weights)[:, None] if self.weights else x
 
 
-def term_columns(term: ModelTerm, signals: Signals) -> np.ndarray:
+def _term_columns(term: ModelTerm, signals: Signals, bodies: np.ndarray) -> np.ndarray:
     """Regressors (N, n, m) of a term as a change; a payload's are those of a body on its joint's link."""
     if isinstance(term.effect, PayloadEffect):
-        s, at = signals, 10 * term.joint + np.array(term.subset)
-        return s.rigid_body.inertial_regressor(s.q, s.v, s.a)[:, :, at]
+        return bodies[:, :, 10 * term.joint + np.array(term.subset)]
     if term.effect.needs_wear:
         # At f = 1: what is estimated is the wear's torque, not how worn it is.
         signals = replace(signals, wear=np.ones_like(signals.v))

@@ -112,11 +112,7 @@ class Evidence:
         for change in changes:
             self.at[change.key] = np.arange(count, count + change.count)
             count += change.count
-        columns = [np.zeros((*r.signals.q.shape, 0)) for r in made]
-        for change in changes:
-            columns = [np.append(x, change.columns(r.signals), 2) for x, r in zip(columns, made, strict=True)]
-        reduced = [reduce_columns(r.run, x) for r, x in zip(made, columns, strict=True)]
-        self.z = np.concatenate(reduced) * keep[:, :, None]
+        self.z = np.concatenate([self._reduce_columns(r) for r in made]) * keep[:, :, None]
         covariance = belief.covariance
         if not of_temperature and structure.of_temperature.any():
             covariance = condition(covariance, structure.of_temperature)
@@ -144,6 +140,13 @@ class Evidence:
             [*(self._usual(change, payload_prior) for change in changes), np.ones(self.random.shape[2])]
         )
         self.weigh(structure.scales.noise**2)
+
+    def _reduce_columns(self, rows: RunRows) -> np.ndarray:
+        """Regressors (M, n, K) of all changes along a run, after the common filter."""
+        s, parts = rows.signals, [np.zeros((*rows.target.shape, 0))]
+        bodies = s.rigid_body.inertial_regressor(s.q, s.v, s.a)
+        parts += [reduce_columns(rows.run, change.columns(s, bodies)) for change in self.changes]
+        return np.concatenate(parts, axis=2)
 
     def _usual(self, change: Change, payload_prior: np.ndarray) -> np.ndarray:
         """Prior precision of a change's weights."""

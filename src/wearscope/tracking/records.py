@@ -15,15 +15,24 @@ from wearscope.tracking.worn import record_worn
 
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
     """Record of a later session: its changes, its table's rows and its series."""
+    entries = list_entries(assessment, reference)
+    estimates = list_estimates(reference, assessment.evidence, assessment.named)
+    told = {(e["joint"], e["effect"], e["parameter"]): e for e in entries if e["unit"] == "kg"}
+    for row in estimates["rows"]:
+        entry = told.get((row["joint"], row["effect"], row["parameter"]))
+        if entry is not None and row["named"]:  # the mass of a point, as the answer states it
+            low, high = entry["ci95"]
+            row |= {"change": entry["change"], "change_low": low, "change_high": high}
+            row |= {"value": entry["change"], "value_low": low, "value_high": high}
     return {
         "session": assessment.session,
-        "changes": list_entries(assessment, reference),
+        "changes": entries,
         "cannot_tell": assessment.cannot_tell,
         "smallest_visible": assessment.smallest,
         "events": assessment.events,
         "notes": assessment.notes,
         "wear": record_worn(assessment.worn, reference),
-        **list_estimates(reference, assessment.evidence, assessment.named),
+        **estimates,
     }
 
 

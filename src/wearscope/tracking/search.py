@@ -15,8 +15,8 @@ _STEPS, _TRIED = 30, 8
 _FAR = 4.0
 #: Least RMS torque of a change, as a share of the joint's friction, and of its torque for any other change.
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
-#: Standard errors within which a weight may be zero.
-_SURE = 2.0
+#: p-value of no change from which it may be none; standard errors that a place may be off.
+_CHANCE, _SURE = 0.05, 2.0
 #: RMS torque of two changes together, as a share of the smaller one's, below which they cancel.
 _CANCEL = 0.5
 
@@ -113,7 +113,7 @@ class _Search:
 
     def _is_possible(self, fit: Fit, change: Change) -> bool:
         value, error = fit.values[change.key], fit.error(change)
-        if not np.any(np.abs(value) > _SURE * error):
+        if fit.p_value(change) > _CHANCE:
             return False
         scales = self.evidence.structure.scales
         friction = any(term.effect.is_friction for term in change.terms)

@@ -96,6 +96,7 @@ def assess_runs(
     found = find_changes(known, reference.usual, reference.reach)
     named, hidden = list(found.named), {}
     if known is not evidence:
+        evidence.weigh(known.variance)
         for change in [c for c in named if c.kind == FRICTION]:
             rest = [c for c in named if c is not change]
             if evidence.compare(evidence.fit(rest), evidence.fit(named)) < 0.0:
@@ -109,10 +110,11 @@ def assess_runs(
     blind = find_smallest(evidence, found.fit.changes, reference)
     for j in structure.moving:
         joint = structure.joints[j]
-        sees, saw = blind[joint]["friction"], smallest[joint]["friction"]
+        sees, saw = (one[joint].get(FRICTION, np.inf) for one in (blind, smallest))
         if j not in hidden and sees > _HIDDEN and saw < _SEEN and _is_recorded(runs, j):
+            size = f" by less than {100 * sees:.0f} %" if np.isfinite(sees) else ""
             cannot_tell.append(
-                f"A change of {joint}'s friction by less than {100 * sees:.0f} % could not be seen: "
+                f"A change of {joint}'s friction{size} could not be seen: "
                 f"{describe_temperatures(structure, runs, j)}"
             )
     cannot_tell += tell_unknown(found, structure)
@@ -174,7 +176,7 @@ def find_smallest(
         if whole is not None:
             x = evidence.z[:, j, evidence.at[whole.key]].sum(axis=1)
             share = np.sqrt((x @ x) / evidence.count[j]) / structure.scales.friction[j]
-            seen["friction"] = float(share * evidence.smallest(fit, whole, np.ones(whole.count)))
+            seen[FRICTION] = float(share * evidence.smallest(fit, whole, np.ones(whole.count)))
         body = next(c for c in evidence.changes if c.kind == BODY and c.joint == j)
         seen["mass"] = evidence.smallest(fit, body, np.array([1.0, *reference.centres[j]]))
         found[joint] = {name: size for name, size in seen.items() if np.isfinite(size)}
