@@ -1,29 +1,36 @@
-"""Mass and place of a body that was added to a link, or taken from it, as one point."""
+"""Mass and place of a small body that was added to a link, or taken from it."""
 
 import numpy as np
 from scipy import optimize
 
 #: Masses that are tried, as multiples of the least one that its moment allows, and steps a decade.
 _MOST, _STEPS = 1e3, 24
+#: Usual radius of a body about its own centre, as a share of the arm's reach.
+_OWN = 0.05
 #: Usual mass of a body, over the prior standard deviation of a link's mass.
 _HEAVY = 3.0
 #: Rise of the misfit at the ends of a 95 % interval of one parameter.
 _RISE = 3.84
 
 
-def point_parameters(mass: float, place: np.ndarray) -> np.ndarray:
-    """Inertial parameters (10,) of a point, as the regressor of a rigid body orders them."""
+def point_parameters(mass: float, place: np.ndarray, radius: float = 0.0) -> np.ndarray:
+    """Inertial parameters (10,) of a round body, as the regressor of a rigid body orders them.
+
+    `radius` is that of gyration about its own centre.
+    """
     x, y, z = place
-    inertia = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
+    own = radius**2
+    inertia = (y * y + z * z + own, -x * y, x * x + z * z + own, -x * z, -y * z, x * x + y * y + own)
     return mass * np.array([1.0, x, y, z, *inertia])
 
 
 def weigh_point(
     value: np.ndarray, covariance: np.ndarray, prior: np.ndarray, reach: float
 ) -> tuple[float, float, float, np.ndarray]:
-    """Mass of a point with its 95 % interval, and its place.
+    """Mass of a body with its 95 % interval, and its place.
 
-    The interval is that of the profile likelihood: the place is fitted for each mass, within the arm's reach.
+    The interval is that of the profile likelihood: place and own radius are fitted for each mass, the one
+    within the arm's reach, the other within a share of it.
 
     Parameters
     ----------
@@ -57,12 +64,13 @@ def weigh_point(
     found = []
     for sign in (1.0, -1.0):
         place = sign * value[1:4] / masses[0]
-        place *= min(1.0, reach / max(float(np.linalg.norm(place)), 1e-12))
+        place = np.append(place * min(1.0, reach / max(float(np.linalg.norm(place)), 1e-12)), _OWN * reach)
         tried = []
         for mass in sign * masses:
 
             def miss(c: np.ndarray, m: float = mass) -> np.ndarray:
-                return np.concatenate([root @ point_parameters(m, c) - wanted, 2.0 * c / reach, [usual * m]])
+                far = [*(2.0 * c[:3] / reach), c[3] / (_OWN * reach), usual * m]
+                return np.concatenate([root @ point_parameters(m, c[:3], c[3]) - wanted, far])
 
             fit = optimize.least_squares(miss, place)
             place = fit.x
@@ -77,4 +85,4 @@ def weigh_point(
     low, high = sorted(
         [mass / abs(mass) * min(map(abs, ends)) / step, mass / abs(mass) * max(map(abs, ends)) * step]
     )
-    return mass, low, high, place
+    return float(mass), float(low), float(high), place[:3]
