@@ -99,6 +99,11 @@ def test_clocks_of_any_kind_give_seconds_or_a_sentence(table):
         assert 5.0 <= find_rate(kept) <= 20_000.0, kind
 
 
+def test_times_that_are_all_missing_are_told():
+    with pytest.raises(InputError, match="a.csv: has no time in any row; name another column with --time"):
+        order_rows(np.full(100, np.nan), "a.csv")
+
+
 def test_names_are_bounded_and_plain(table, tmp_path):
     odd = table.rename(columns={"tau_j2": "a\nb: [c]", "q_j2": "\x1b[2J"})
     frame = read(tmp_path / "a.json", odd.to_json(orient="records").encode())

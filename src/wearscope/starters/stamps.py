@@ -169,6 +169,8 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
         Where time runs backwards at many rows.
     """
     rows = np.flatnonzero(np.isfinite(t))
+    if not len(rows):
+        raise InputError(f"{where}: has no time in any row; name another column with --time, or give --rate.")
     notes = [f"{where}: {len(t) - len(rows)} rows without a time are left out."] if len(rows) < len(t) else []
     back = int(np.sum(np.diff(t[rows]) < 0.0))
     if back > max(_UNSORTED * len(rows), 1):
