@@ -100,7 +100,7 @@ def test_clocks_of_any_kind_give_seconds_or_a_sentence(table):
 
 
 def test_times_that_are_all_missing_are_told():
-    with pytest.raises(InputError, match="a.csv: has no time in any row; name another column with --time"):
+    with pytest.raises(InputError, match="has no time in any row; name another column with --time"):
         order_rows(np.full(100, np.nan), "a.csv")
 
 
