@@ -45,6 +45,8 @@ class Moves:
         Terms that are not offered again, and why.
     left : set of frozenset
         Terms of models that were left.
+    whole : set of frozenset
+        Terms of models of which none is to be split.
     without : frozenset of str
         Names of effects that are not offered.
     """
@@ -54,6 +56,7 @@ class Moves:
     progress: Callable[[str], None]
     refused: dict[tuple, str] = field(default_factory=dict)
     left: set[frozenset] = field(default_factory=set)
+    whole: set[frozenset] = field(default_factory=set)
     without: frozenset[str] = frozenset()
 
     def climb(self, model: Model) -> Model:
@@ -179,6 +182,9 @@ class Moves:
 
         Its many parameters follow what several joints have, of which each alone explains a part.
         """
+        if model.keys in self.whole:
+            return None
+        self.whole.add(model.keys)
         for term in [t for t in model.terms if t.effect.per_robot and t.effect.name not in self.without]:
             rest = model.without(term)
             apart = replace(self, without=self.without | {term.effect.name}, left=set(self.left))

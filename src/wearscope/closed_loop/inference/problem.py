@@ -77,6 +77,7 @@ class Problem:
         self._take_signals(prepared)
         self._made: dict[tuple, Candidate | None] = {}
         self._waves: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._gravity: dict[int, np.ndarray] = {}
 
     @cached_property
     def base(self) -> tuple[Term, ...]:
@@ -235,6 +236,17 @@ class Problem:
         made = self._made[key]
         assert made is not None
         return made
+
+    def gravity(self, joint: int) -> np.ndarray:
+        """Torque (M,) of gravity at a joint, at the rows of the training runs."""
+        if joint not in self._gravity:
+            parts = []
+            for run in self.train:
+                q = run.signals.q[rows(run.band, len(run.signals.t))]
+                still = np.zeros_like(q)
+                parts.append(run.signals.rigid_body.inverse_dynamics(q, still, still)[:, joint])
+            self._gravity[joint] = np.concatenate(parts)
+        return self._gravity[joint]
 
     def at_rows(self, name: str) -> np.ndarray:
         """A signal (M, n) at the rows of the training runs."""

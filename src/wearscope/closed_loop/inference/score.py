@@ -153,7 +153,9 @@ class Score:
         return float(total - (self._cost(b, rows) - self._cost(a, rows)))
 
     def _cost(self, model: Model, rows: float) -> float:
-        return sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
+        expected = sum(_takes_load_off(model, term) for term in model.terms)
+        cost = sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
+        return float(cost - self.policy.name_odds * expected)
 
     def count(self, term: Term) -> float:
         """Coefficients of a term, and what its shape counts as."""
@@ -208,3 +210,14 @@ class Score:
             if len(sums) >= _FEWEST:
                 worst = max(worst, float(sums @ sums) / single * len(sums) / (len(sums) - 1.0))
         return worst
+
+
+def _takes_load_off(model: Model, term: Term) -> bool:
+    """Whether a term that is built to take gravity's load off its joint does so: it is to be expected then."""
+    if not term.effect.opposes_gravity:
+        return False
+    gravity = model.problem.gravity(term.joint)
+    torque = term.at_joint(term.joint) @ model.fit.coefficients(term)
+    size = float(np.linalg.norm(torque) * np.linalg.norm(model.problem.target))
+    # Where gravity gives nothing but round-off there is nothing to balance.
+    return float(torque @ gravity) < -1e-6 * size
