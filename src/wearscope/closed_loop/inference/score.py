@@ -153,9 +153,9 @@ class Score:
         return float(total - (self._cost(b, rows) - self._cost(a, rows)))
 
     def _cost(self, model: Model, rows: float) -> float:
-        expected = sum(_takes_load_off(model, term) for term in model.terms)
+        unlikely = sum(_poses_as_balancer(model, term) for term in model.terms)
         cost = sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
-        return float(cost - self.policy.name_odds * expected)
+        return float(cost + 0.5 * self.policy.name_odds * unlikely)
 
     def count(self, term: Term) -> float:
         """Coefficients of a term, and what its shape counts as."""
@@ -212,9 +212,10 @@ class Score:
         return worst
 
 
-def _takes_load_off(model: Model, term: Term) -> bool:
-    """Whether a term that is built to take gravity's load off its joint does so: it is to be expected then."""
-    if not term.effect.opposes_gravity:
+def _poses_as_balancer(model: Model, term: Term) -> bool:
+    """Whether a spring takes gravity's load off its joint, for which balancers are built."""
+    effect = term.effect
+    if effect.opposes_gravity or effect.periodic or set(effect.depends_on) != {"q_{joint}"}:
         return False
     gravity = model.problem.gravity(term.joint)
     torque = term.at_joint(term.joint) @ model.fit.coefficients(term)
