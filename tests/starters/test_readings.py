@@ -577,10 +577,16 @@ def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):
         head, rest = file.read_text().split("\n", 1)
         head = head.replace("tau", "effort_arm_").replace("q", "position_arm_")
         file.write_text(head + "\n" + rest)
+    urdf, plain = tmp_path / "arm.urdf", (tmp_path / "arm.urdf").read_text()
+    wheel = LINK.format(n=8, z=-0.1, m=0.01, i=1e-5, p="base", o=0.2).replace('"j8"', '"wheel"')
+    urdf.write_text(plain.replace("</robot>", wheel + "</robot>"))
     assert "--joints arm_1,arm_2,arm_3" in bench.refuse()
+    urdf.write_text(plain)
     text = bench.take("--joints", "arm_1,arm_2").output
     assert "position: position_arm_1 to position_arm_2" in text
-    bench.accept("--joints", "arm_1,arm_2,arm_3") if not (tmp_path / "d").exists() else None
+    shutil.rmtree(tmp_path / "d", ignore_errors=True)
+    done = bench.take()
+    assert done.exit_code == 0 and "finger: left out, as a hand behind arm_3" in done.output
 
 
 def test_a_gripper_in_the_urdf_has_no_numbered_column(tmp_path):
@@ -589,8 +595,9 @@ def test_a_gripper_in_the_urdf_has_no_numbered_column(tmp_path):
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(urdf.read_text().replace("</robot>", more + "</robot>").replace('"j', '"arm'))
     bench.record(lambda q, v, a, rng, t: chain(q, v, a, 0.5, 0.3) + rub(v, 0.1, 0.1))
-    assert "has 2 numbered positions" in (text := bench.refuse()) and "give --joints arm1,arm2." in text
-    bench.accept("--joints", "arm1,arm2")
+    done = bench.take()
+    assert done.exit_code == 0 and "finger: left out, as a hand behind arm2" in done.output
+    assert yaml.safe_load((tmp_path / "d/dataset.yaml").read_text())["robot"]["joints"] == ["arm1", "arm2"]
 
 
 def test_sessions_payloads_and_tests_by_options(tmp_path):

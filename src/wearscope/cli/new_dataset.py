@@ -40,6 +40,7 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @_pattern("temperature")
 @_pattern("goal")
 @_pattern("duty")
+@_pattern("gain")
 @_pattern("volts")
 @_pattern("on")
 @click.option("--servo", metavar="NAME[,X=...]",
@@ -91,6 +92,13 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
               help="Added to a position of the data set [rad or m].")  # fmt: skip
 @click.option("--scale", "scaled", multiple=True, metavar="q_JOINT=X",
               help="A position of the data set, and its speed, times this.")  # fmt: skip
+@click.option("--torque-gain", "torque_gain", multiple=True, metavar="JOINT=X",
+              help="A torque of the data set times this.")  # fmt: skip
+@click.option("--time-scale", type=click.FloatRange(min=0.0, min_open=True),
+              help="True time over the recorded one, of a clock that is wrong.")  # fmt: skip
+@click.option(
+    "--columns", default="", metavar="A,B,...", help="Names of the columns, of files that have none."
+)
 @click.option("--reading", "readings", multiple=True, metavar="[JOINT=]READING",
               help="What the torques are: motor, link, without_gravity or none.")  # fmt: skip
 @click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
@@ -151,6 +159,9 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         },
         shifted=_read_columns("shift", stated.pop("shifted")),
         scaled=_read_columns("scale", stated.pop("scaled")),
+        torque_gain=_read_columns("torque-gain", stated.pop("torque_gain")),
+        reference=_split(stated.pop("reference")),
+        columns=_split(stated.pop("columns")),
         readings=_read_readings(stated.pop("readings")),
         servo=None if servo is None else read_servo_option(servo),
         **stated,
@@ -161,9 +172,8 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
     with new_folder(target) as made:
         write_dataset(made, name, urdf, converted, mapped)
         found = check_dataset(made)
-        copied = str(made / "robot.urdf")
         found.problems = [
-            one.replace(copied, str(urdf)).replace(str(made), str(target)) for one in found.problems
+            _name_given(one, made, target, urdf, recordings, converted.runs) for one in found.problems
         ]
         if found.problems:
             for problem in found.problems[:-1]:
@@ -173,6 +183,17 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         say(f"  {note.replace(str(made), str(target))}")
     following = "track" if mapped.reference else "diagnose"
     say(f"Written: {target}, which passes its check. Next: wearscope {following} {target}")
+
+
+def _name_given(problem, made, target, urdf, recordings, runs):  # type: ignore[no-untyped-def]
+    """A problem of the copy by the files that were given."""
+    given = {file.name: file for file in recordings}
+    for run in runs:
+        if run.file in given:
+            part = run.name.removeprefix(given[run.file].stem)
+            told = {"_first": " (its first part)", "_last": " (its last part)"}.get(part, "")
+            problem = problem.replace(str(made / "runs" / f"{run.name}.parquet"), f"{given[run.file]}{told}")
+    return problem.replace(str(made / "robot.urdf"), str(urdf)).replace(str(made), str(target))
 
 
 def _split(text: str) -> list[str]:
@@ -217,6 +238,7 @@ def _name_option(problem: str) -> str:
     turn = re.search(r'write "turned: \[(.*?)\]" in dataset.yaml', problem)
     if turn is not None:
         problem = problem.replace(turn[0], f"give --turn {turn[1].replace(' ', '')}")
+    problem = re.sub(r'write "time_scale: (\S+)" in dataset.yaml', r"give --time-scale \1", problem)
     problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
 
     problem = re.sub(r'write "gravity: \[(.*?)\]" below robot in dataset.yaml', _give_gravity, problem)

@@ -82,16 +82,17 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
             )
     if len(set(joints)) < len(joints):
         raise InputError(f"{urdf}: --joints names a joint twice; name each once.")
-    ordered = [known[name] for name in joints]
-    prismatic = [joint.kind == "prismatic" for joint in ordered]
     notes: list[str] = []
     runs: list[Recorded] = []
     rates: list[float] = []
     stated = mapped.rate
     opened: list[Path] = []
-    read = _split_restarts(open_recordings(files, mapped.topic, mapped.servo is not None), mapped)
+    opening = open_recordings(files, mapped.topic, mapped.servo is not None, mapped.columns)
+    read = _split_restarts(opening, mapped)
     if not mapped.joints and "position" not in mapped.patterns:
-        _propose_joints(urdf, joints, read)
+        joints = _choose_joints(urdf, joints, read, notes)
+    ordered = [known[name] for name in joints]
+    prismatic = [joint.kind == "prismatic" for joint in ordered]
     mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
     wrapped: set[str] = set()
     for file, part, frame, told in read:
@@ -131,24 +132,50 @@ def _split_restarts(
     return parts
 
 
-def _propose_joints(
-    urdf: Path, joints: Sequence[str], read: Sequence[tuple[Path, Path, pd.DataFrame, Any]]
-) -> None:
-    """Refuse a URDF with more joints than the columns, with those that the columns have."""
+def _choose_joints(
+    urdf: Path,
+    joints: Sequence[str],
+    read: Sequence[tuple[Path, Path, pd.DataFrame, Any]],
+    notes: list[str],
+) -> list[str]:
+    """Joints that the columns have; those of a hand behind them are left out, which is noted.
+
+    Raises
+    ------
+    InputError
+        Where other joints have no column, with those that have.
+    """
     file, _, frame, _ = read[0]
     columns = [str(column) for column in frame.columns]
     if find_groups(columns, joints, "position"):
-        return
+        return list(joints)
     named, numbered = name_joints(columns, joints), count_numbered(columns)
     if named and len(named) < len(joints):
         told, given = f"positions of {', '.join(named)}", named
     elif not named and 1 < numbered < len(joints):
         told, given = f"{numbered} numbered positions", list(joints[:numbered])
     else:
-        return
+        return list(joints)
+    rest = [joint for joint in joints if joint not in given]
+    if set(rest) <= _list_behind(urdf, given[-1]) and find_groups(columns, given, "position"):
+        notes.append(
+            f"{', '.join(rest)}: left out, as a hand behind {given[-1]} that has no columns; locked at 0."
+        )
+        return given
     raise InputError(
         f"{file}: has {told}, and {urdf.name} moves {', '.join(joints)}; give --joints {','.join(given)}."
     )
+
+
+def _list_behind(urdf: Path, joint: str) -> set[str]:
+    """Joints that another one carries."""
+    found: set[str] = set()
+    tree = {one.name: one for one in parse_urdf(urdf).joints}
+    links = {tree[joint].child}
+    while more := {name for name, one in tree.items() if one.parent in links} - found:
+        found |= more
+        links |= {tree[name].child for name in more}
+    return found
 
 
 def _note(notes: list[str], told: Sequence[str], file: str) -> None:
@@ -242,7 +269,7 @@ def _convert(
         notes += told
         kinds: tuple[str, ...] = ("tau",)
     else:
-        kinds = tuple(kind for kind in ("goal", "duty", "current", "volts", "on") if kind in values)
+        kinds = tuple(kind for kind in ("goal", "duty", "gain", "current", "volts", "on") if kind in values)
     for k, joint in enumerate(joints):
         columns |= {f"{kind}_{joint}": values[kind][:, k] for kind in kinds}
         if "temperature" in values:

@@ -38,6 +38,7 @@ def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, map
             f"duty_{joint}": "-",
             f"current_{joint}": "A",
             f"volts_{joint}": "V",
+            f"gain_{joint}": f"1/{position}",
             f"on_{joint}": "-",
         }
     for run in converted.runs:
@@ -85,6 +86,13 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     for field, stated in (("shifted", mapped.shifted), ("scaled", mapped.scaled)):
         parts = ", ".join(f"{quote(column)}: {by:.6g}" for column, by in stated.items())
         lines += [f"{field}: {{{parts}}}"] if stated else []
+    if mapped.torque_gain:
+        parts = ", ".join(f"{quote(joint)}: {by:.6g}" for joint, by in mapped.torque_gain.items())
+        lines.append(f"torque_gain: {{{parts}}}")
+    if mapped.time_scale is not None:
+        lines.append(f"time_scale: {mapped.time_scale:.9g}")
+    if mapped.reference:
+        lines.append(f"reference: {_list(mapped.reference)}")
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {quote(one)}" for one in mapped.accept]

@@ -57,6 +57,12 @@ class Mapped:
         name.
     payloads : mapping of str to sequence of float
         Mass [kg] and centre of mass [m] of a recording's payload, by file name.
+    torque_gain : mapping of str to float
+        What torques are multiplied with, by joint.
+    time_scale : float or None
+        True time over the recorded one.
+    columns : sequence of str
+        Names of the columns of files that have none.
     """
 
     joints: Sequence[str] = ()
@@ -87,3 +93,6 @@ class Mapped:
     sessions: Mapping[str, str] = field(default_factory=dict)
     payloads: Mapping[str, Sequence[float]] = field(default_factory=dict)
     reference: Sequence[str] = ()
+    torque_gain: Mapping[str, float] = field(default_factory=dict)
+    time_scale: float | None = None
+    columns: Sequence[str] = ()

@@ -35,7 +35,9 @@ _JSON = (".jsonl", ".ndjson", ".json")
 _PACKED = (".gz", ".zip")
 
 
-def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, list[str]]:
+def read_recording(
+    path: Path, topic: str | None = None, columns: Sequence[str] = ()
+) -> tuple[pd.DataFrame, list[str]]:
     """Table of a recording, and notes on how it was read.
 
     Parameters
@@ -44,6 +46,8 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
         A text, JSON, NumPy or Parquet file, an MCAP file, or the folder of a ROS 2 bag.
     topic : str, optional
         Of the joint states in a bag; the one with most messages where left out.
+    columns : sequence of str, optional
+        Names of a text's columns, where it has none.
 
     Raises
     ------
@@ -53,7 +57,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[pd.DataFrame, 
     if not path.exists():
         raise InputError(f"{path}: no such file; correct the name.")
     with bound_memory(path):
-        frame, told = _read(path, topic)
+        frame, told = _read(path, topic, columns)
         return _settle(frame, path), told
 
 
@@ -93,7 +97,7 @@ def _is_deep(cell: object) -> bool:
     return isinstance(cell, dict)
 
 
-def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
+def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
     kind = path.suffix.lower()
     if path.is_dir() or kind in _BAGS:
         return _read_bag(path, topic)
@@ -105,13 +109,13 @@ def _read(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
             with tempfile.TemporaryDirectory() as folder:
                 inner = _unpack(path, Path(folder))
                 try:
-                    return _read(inner, topic)
+                    return _read(inner, topic, columns)
                 except InputError as error:
                     raise InputError(str(error).replace(str(inner), str(path))) from None
         if kind in (*_TEXT, *_JSON, ".npz"):
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
         if kind in _TEXT:
-            return read_text(path)
+            return read_text(path, columns)
         if kind in _JSON:
             return pd.read_json(path, lines=kind != ".json", dtype=False), []
         if kind == ".npz":
@@ -170,7 +174,7 @@ def _unpack(path: Path, folder: Path) -> Path:
 
 
 def open_recordings(
-    files: Sequence[Path], topic: str | None = None, servo: bool = False
+    files: Sequence[Path], topic: str | None = None, servo: bool = False, columns: Sequence[str] = ()
 ) -> Iterator[tuple[Path, pd.DataFrame, list[str]]]:
     """Each recording with its name, its table and notes; of a LeRobot data set each episode.
 
@@ -181,6 +185,8 @@ def open_recordings(
     topic : str, optional
     servo : bool
         Whether a servo's law gives the torque, so that no effort is needed.
+    columns : sequence of str, optional
+        Names of the columns of texts that have none.
     """
     for file in files:
         if is_lerobot(file):
@@ -191,7 +197,7 @@ def open_recordings(
                 yield file / name, frame, told
                 told = []
         else:
-            frame, told = read_recording(file, topic)
+            frame, told = read_recording(file, topic, columns)
             yield file, spread_states(frame), told
 
 

@@ -25,11 +25,11 @@ PRESETS: dict[str, dict[str, Any]] = {
     "sts3215": {"law": "duty", "kt": 1.275, "resistance": 2.753, "duty_full": 1000.0},
 }
 #: Kinds of a servo's columns, next to those of every recording.
-SERVO_KINDS = ("goal", "duty", "volts", "on")
+SERVO_KINDS = ("goal", "duty", "gain", "volts", "on")
 #: Whole numbers above it are tenths of a volt, as the registers of these servos have them.
 _TENTHS = 30.0
 #: Columns that are taken where a recording has them.
-_OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
+_OPTIONAL = {"voltage": ("gain", "volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
 
 
 def read_servo_option(text: str) -> ServoFields:

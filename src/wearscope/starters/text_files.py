@@ -4,7 +4,8 @@ import codecs
 import csv
 import re
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,8 +38,15 @@ class _Layout:
     cells: int
 
 
-def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
-    """Table of a text file, with notes on how it was read; `InputError` where it is none."""
+def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, list[str]]:
+    """Table of a text file, with notes on how it was read; `InputError` where it is none.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str, optional
+        Names of the columns, of a file that has none.
+    """
     encoding = _find_encoding(path)
     with path.open(encoding=encoding) as file:
         lines = file.read(_HEAD).split("\n", _LOOK)[:_LOOK]
@@ -49,6 +57,13 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
             f"{path}: is {what}, and a recording has a header and rows; record it again, or leave it out."
         )
     layout = _find_layout(path, lines)
+    if columns and not layout.above:
+        if len(columns) != layout.cells:
+            raise InputError(
+                f"{path}: has {layout.cells} columns, and --columns names {len(columns)}; name each one, in "
+                "order."
+            )
+        layout = replace(layout, above=(list(columns),))
     if layout.cells > limits.COLUMNS:
         told = f"has {layout.cells} columns, more than {limits.COLUMNS}"
         raise InputError(f"{path}: {told}; leave out what is unused.")
@@ -151,7 +166,10 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
     """Names and units by column, and notes on lines that are neither."""
     above = layout.above
     if not above:
-        raise InputError(f"{path}: its first line is numbers; put the columns' names above them.")
+        raise InputError(
+            f"{path}: its first line is numbers; give the names of its {layout.cells} columns, in order, "
+            "with --columns time,q1,..., or put the columns' names above them."
+        )
     wide = [k for k, one in enumerate(above) if len(one) >= layout.cells - 1] or [len(above) - 1]
     told = [len({cell for cell in above[k] if cell}) for k in wide]
     header = wide[int(np.argmax(told))]

@@ -11,8 +11,10 @@ from wearscope.errors import InputError
 
 #: Rates of two recordings may differ by this share: the reader brings them to one.
 _OFF = 0.15
-#: Share of a lone recording that is kept for training; a second of it then lies between training and test.
+#: Share of a lone recording's motion that is kept for training; a second then lies before the test.
 _TRAINING, _GAP = 0.7, 1.0
+#: Least length of a part [s]; steps in which its motion is added up [s].
+_PART, _STEP = 2.0, 0.1
 
 
 @dataclass
@@ -50,24 +52,36 @@ def take_common_rate(
     return rate, notes
 
 
+def _find_cut(frame: pd.DataFrame, rate: float) -> int:
+    """Row up to which a share of all joints' motion is done, so that joints move on both sides of it."""
+    every = max(1, round(_STEP * rate))
+    q = frame[[name for name in frame if str(name).startswith("q_")]].to_numpy(dtype=float)[::every]
+    moved = np.abs(np.diff(q, axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-12)
+    done = np.cumsum(moved.mean(axis=1)) if len(q) > 1 else np.ones(1)
+    return every * (int(np.searchsorted(done, _TRAINING * done[-1])) + 1)
+
+
 def choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str], rate: float) -> list[str]:
     """Mark the runs that are only scored; a lone run is cut in two."""
     if len(runs) == 1:
         if test:
             raise InputError("--test: there is one recording only; give another for training.")
         whole = runs[0]
-        cut = int(_TRAINING * len(whole.frame))
+        cut = _find_cut(whole.frame, rate)
         later = whole.frame.iloc[cut + int(_GAP * rate) :]
-        if len(later) < 2 * rate:
+        if min(cut, len(later)) < _PART * rate:
             raise InputError(
-                f"{files[0]}: is too short to be cut into a training and a test part; give a second one."
+                f"{files[0]}: {len(whole.frame) / rate:.3g} s are too short to be cut into a training and "
+                f"a test part; record {2.0 * _PART / (1.0 - _TRAINING):.0f} s or more, or give a "
+                "second recording."
             )
         runs[:] = [
             replace(whole, name=f"{whole.name}_first", frame=whole.frame.iloc[:cut]),
             replace(whole, name=f"{whole.name}_last", frame=later, use="test"),
         ]
         return [
-            f"test: the last {100 * (1 - _TRAINING):.0f} % of the one recording; a second one would say more."
+            f"test: the one recording's last {len(later) / rate:.0f} s, {100 * (1 - _TRAINING):.0f} % of its "
+            "motion; a second one would say more."
         ]
     chosen = {Path(one).name for one in test} or {files[-1].name}
     unknown = chosen - {file.name for file in files} - {run.file for run in runs}

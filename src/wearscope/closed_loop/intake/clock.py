@@ -15,6 +15,8 @@ _OFF, _FAR_OFF = 0.02, 0.15
 #: A step is a loss of samples from this multiple of the longer of median and stated step, and a gap that
 #: splits the run where more samples than this are lost.
 _LOSS, _MOST_LOST = 1.6, 5
+#: A gap up to this [s] is bridged however many samples it has: no filter of a motion is as fast.
+_BRIDGED = 0.02
 #: A clock that stands still in more than this share of its steps is a coarse one.
 _MOST_REPEATED = 0.1
 #: A longer gap [s] is no pause: the clock was set, as a robot without one does when it finds the network's.
@@ -100,15 +102,16 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
         Where nothing long enough is left.
     """
     before, lost = _find_losses(run.t, rate)
-    few = before[lost <= _MOST_LOST + 0.5]
+    most = max(_MOST_LOST + 0.5, _BRIDGED * rate)
+    few = before[lost <= most]
     notes = []
     losses = np.column_stack([run.t[few], run.t[few + 1]])
     if len(few):
         notes.append(
-            f"{run.file}: {int(np.round(lost[lost <= _MOST_LOST + 0.5]).sum())} samples lost at {len(few)} "
+            f"{run.file}: {int(np.round(lost[lost <= most]).sum())} samples lost at {len(few)} "
             "places are interpolated and do not count."
         )
-    gaps = before[lost > _MOST_LOST + 0.5]
+    gaps = before[lost > most]
     if not len(gaps):
         return [replace(run, losses=losses)], notes
     edges = [0, *(gaps + 1).tolist(), len(run.t)]

@@ -125,7 +125,7 @@ class Dataset:
 def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     path, joints = folder / entry.file, fields.robot.joints
     frame = read_columns(path)
-    t = take_column(path, frame, "t")
+    t = fields.time_scale * take_column(path, frame, "t")
     told = check_clock(str(path), t, fields.sample_rate)
     uncounted = [fields.readings()[joint] == "none" for joint in joints]
     named = {f"tau_{joint}" for joint, one in zip(joints, uncounted, strict=True) if one}
@@ -140,6 +140,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         for kind in ("q", "tau")
     }
     way["q"] = way["q"] * [fields.scaled.get(f"q_{joint}", 1.0) for joint in joints]
+    way["tau"] = way["tau"] * [fields.torque_gain.get(joint, 1.0) for joint in joints]
     zero = np.array([fields.shifted.get(f"q_{joint}", 0.0) for joint in joints])
     return Run(
         entry.file,
@@ -311,6 +312,11 @@ def read_dataset(
         robot = fields.robot.model_copy(update={"gravity": [0.0, 0.0, 0.0]})
         fields = fields.model_copy(update={"robot": robot})
         notes.append("the torques have no gravity in them, as 'torque' says: the model has none either.")
+    if fields.time_scale != 1.0:
+        notes.append(f"times are {fields.time_scale:g} times those recorded, as 'time_scale' says.")
+    if fields.torque_gain:
+        gains = ", ".join(f"tau_{joint} times {by:g}" for joint, by in fields.torque_gain.items())
+        notes.append(f"{gains}, as 'torque_gain' says.")
     units = _check_units(path, fields, prismatic(urdf, fields.robot.joints))
     runs, signatures = _read_records(folder, fields, notes)
     notes += told + _check_repeats(path, runs, signatures, accepted)

@@ -94,6 +94,8 @@ class DatasetFields(_Fields):
     turned: _Names = []
     shifted: dict[str, _Number] = {}
     scaled: dict[str, _Number] = {}
+    torque_gain: dict[str, _Number] = {}
+    time_scale: Annotated[_Number, Field(gt=0.0)] = 1.0
     reference: list[_Label] = []
     runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
 
@@ -243,6 +245,8 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
     folder_name(fields.name, str(path))
+    # The rate is that of the time column as recorded.
+    fields.sample_rate /= fields.time_scale
     _refuse_typos(fields, str(path), notes)
     _refuse_typos(fields.robot, f"{path}: robot", notes)
     for i, run in enumerate(fields.runs):

@@ -143,6 +143,12 @@ def _check_columns(path: Path, fields: DatasetFields) -> None:
                 raise InputError(f"{path}: {field}: '{column}' is none of {told}; name one of them.")
     if 0.0 in fields.scaled.values():
         raise InputError(f"{path}: scaled: holds a 0; give what the positions are multiplied with.")
+    for joint, factor in fields.torque_gain.items():
+        if joint not in joints or factor == 0.0:
+            raise InputError(
+                f"{path}: torque_gain: '{joint}: {factor:g}' is no factor of one of {', '.join(joints)}; "
+                "correct it."
+            )
     for joint in fields.robot.locked:
         if joint in joints:
             raise InputError(

@@ -20,7 +20,7 @@ from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_i
 from wearscope.closed_loop.intake.products import DOUBTFUL, NONE
 from wearscope.closed_loop.intake.readings import Readings, find_reading
 from wearscope.closed_loop.intake.scales import find_scale
-from wearscope.closed_loop.intake.signal_checks import check_signals
+from wearscope.closed_loop.intake.signal_checks import check_signals, check_speeds
 from wearscope.closed_loop.intake.sizes import (
     find_constants,
     find_impossible_sizes,
@@ -64,6 +64,7 @@ def check_plausibility(prepared: Prepared) -> None:
     """
     asked, first = ask_runs(prepared), len(prepared.notes)
     left = np.array([asked.pick(asked.run == run).products.fit().left for run in range(len(prepared.runs))])
+    check_speeds(prepared)
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
     _check_signs(prepared, asked)

@@ -193,7 +193,13 @@ def leave_out_short(
         if len(run.t) < LEAST_ROWS:
             if run.file not in {other.file for other in kept}:
                 where = dataset.folder / run.file
-                raise InputError(f"{where}: too short for a {band.torque:.3g} Hz filter; record longer.")
+                seconds = np.ceil(
+                    10.0 * (run.signals.t[-1] + (LEAST_ROWS - len(run.t)) * band.stride / band.rate)
+                )
+                raise InputError(
+                    f"{where}: {run.signals.t[-1]:.3g} s are too short for a {band.torque:.3g} Hz filter; "
+                    f"record at least {seconds / 10.0:g} s."
+                )
             notes.append(f"{run.label}: too short for a {band.torque:.3g} Hz filter; the piece is left out.")
     return kept
 

@@ -9,6 +9,8 @@ from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: Counts of a torque that a joint which holds still may swing by.
 _COUNTS = 5.0
+#: Difference of the logarithms of factors of speeds that are one.
+_ONE_FACTOR = 0.1
 
 
 def check_signals(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -> None:
@@ -26,8 +28,6 @@ def check_signals(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
     InputError
     """
     _check_limits(prepared, run, explained)
-    if run.piece < 2:
-        _check_speeds(prepared, run)
     _check_frozen(prepared, run)
 
 
@@ -49,26 +49,70 @@ def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
             prepared.refuse(str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
 
 
-def _check_speeds(prepared: Prepared, run: PreparedRun) -> None:
-    """Given speeds that are not the derivative of the positions as cleaned, in a run's first piece."""
-    recorded = next(r for r in prepared.dataset.runs if r.file == run.file).load()
-    if recorded.qd is None:
+def check_speeds(prepared: Prepared) -> None:
+    """Refuse given speeds that are not the derivative of the positions as cleaned, in runs' first pieces.
+
+    Where those of all joints that move are off by one factor, it is the clock's.
+
+    Raises
+    ------
+    InputError
+    """
+    gains = {
+        (run.label, j): (run, *one)
+        for run in prepared.runs
+        if run.piece < 2
+        for j, one in _compare_speeds(prepared, run).items()
+    }
+    off = {key: gain for key, (_, gain, alike) in gains.items() if not (0.8 < gain < 1.25 and alike > 0.8)}
+    if not off:
         return
+    alike = min(alike for _, _, alike in gains.values())
+    factor = float(np.median([gain for _, gain, _ in gains.values()]))
+    one = max(abs(np.log(gain / factor)) if gain > 0.0 else np.inf for _, gain, _ in gains.values())
+    joints = {j for _, j in gains}
+    if len(joints) > 1 and alike > 0.8 and one < _ONE_FACTOR:
+        told, codes = say_clock(1.0 / factor)
+        told = f"every speed column is {factor:.3g} times the slope of its position: {told}"
+        prepared.refuse(str(prepared.dataset.folder), f"{told}, or leave the column out.", *codes)
+        return
+    for (_, j), gain in off.items():
+        run, _, alike = gains[next(key for key in gains if key[1] == j and off.get(key) == gain)]
+        joint = prepared.dataset.joints[j]
+        told = (
+            f"column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' (correlation {alike:.2f}); "
+            "give the joint's speed in rad/s or m/s, or leave the column out."
+        )
+        prepared.refuse(str(prepared.dataset.folder / run.file), told, f"speed qd_{joint}")
+
+
+def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[float, float]]:
+    """Given speed over the slope of the position, and their correlation, by joint that moves."""
+    recorded, found = next(r for r in prepared.dataset.runs if r.file == run.file).load(), {}
+    if recorded.qd is None:
+        return {}
     slope = differentiate(low_pass(run.signals.q, run.band.torque, run.band.rate), run.band.rate)
-    for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)):
+    for j in np.flatnonzero(prepared.moving & np.isfinite(recorded.qd).all(axis=0)).tolist():
         given = low_pass(recorded.qd[:, [j]], run.band.torque, prepared.dataset.fields.sample_rate)[:, 0]
         given = np.interp(run.signals.t, recorded.t, given)
         both = float(given @ slope[:, j])
-        gain = both / max(float(slope[:, j] @ slope[:, j]), 1e-300)
+        size = max(float(slope[:, j] @ slope[:, j]), 1e-300)
         alike = both / max(float(np.linalg.norm(given) * np.linalg.norm(slope[:, j])), 1e-300)
-        moves = np.ptp(run.signals.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0]))
-        if moves and not (0.8 < gain < 1.25 and alike > 0.8):
-            joint = prepared.dataset.joints[j]
-            told = (
-                f"column 'qd_{joint}' is {gain:.3g} times the slope of 'q_{joint}' (correlation "
-                f"{alike:.2f}); give the joint's speed in rad/s or m/s, or leave the column out."
-            )
-            prepared.refuse(str(prepared.dataset.folder / run.file), told, f"speed qd_{joint}")
+        if np.ptp(run.signals.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0])):
+            found[j] = (both / size, alike)
+    return found
+
+
+def say_clock(factor: float) -> tuple[str, tuple[str, ...]]:
+    """What is said of a clock by true time over the recorded one."""
+    by = max(factor, 1.0 / factor)
+    by = float(round(by)) if abs(by / round(by) - 1.0) < 0.01 else by
+    factor, way = (by, "short") if factor > 1.0 else (1.0 / by, "long")
+    return (
+        f"the clock or the rate is wrong by a factor of {by:.4g}, times are too {way}; write "
+        f'"time_scale: {factor:.6g}" in dataset.yaml',
+        ("clock t",),
+    )
 
 
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:

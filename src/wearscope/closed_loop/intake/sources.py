@@ -9,6 +9,7 @@ from wearscope.closed_loop.intake.cleaning import clean_run
 from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
 from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
+from wearscope.closed_loop.intake.pushes import say_pushes
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
@@ -17,6 +18,8 @@ from wearscope.turns import unwrap_turns
 
 #: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
 _MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
+#: Span [rad] by which joints that are held yield at most.
+_YIELDS = 4e-3
 #: Steps of an encoder within which a joint rests.
 _FEW = 5.0
 
@@ -190,6 +193,14 @@ def leave_out_rest(
     if largest.max() < _LEAST_MOTION:
         raise InputError(
             f"{dataset.folder}: no joint moves in any train run; give at least one train run with motion."
+        )
+    turns = np.array([unit == "rad" for unit in dataset.position_unit])
+    if np.all(largest <= np.where(turns, _YIELDS, _LEAST_MOTION)):
+        yields = 1000.0 * largest.max()
+        raise InputError(
+            f"{dataset.folder}: the robot stands still, its joints yield by {yields:.2g} mrad at most; "
+            "nothing can be identified, give train runs with motion"
+            f"{say_pushes(dataset, [source.run for source in sources])}."
         )
     furthest = np.array([r.max() for r in reach])
     usual = float(np.quantile(furthest[furthest >= _LEAST_MOTION], 0.75))

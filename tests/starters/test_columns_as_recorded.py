@@ -1,0 +1,120 @@
+"""What a new user's recordings are, from CSV to the answer: each kind on machines of two sizes."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+from recorded_chain import Bench, chain, move, rub
+
+from wearscope.closed_loop.intake.pushes import find_pushes
+
+
+def record_speeds(bench, torque, clock=1.0, turned=1.0):
+    """Recordings with speed columns, whose clock shows `clock` times the true time."""
+    for k in range(bench.runs):
+        rng = np.random.default_rng([bench.n, k])
+        t = np.arange(int(bench.seconds * bench.rate)) / bench.rate
+        q, v, a = move(rng, t, bench.n, bench.size, bench.frequencies)
+        table = np.column_stack([clock * t, q, turned * v, torque(q, v, a, rng, t)])
+        names = [f"{kind}{j + 1}" for kind in ("q", "qd", "tau") for j in range(bench.n)]
+        header = ",".join(["time", *names])
+        np.savetxt(bench.folder / f"run{k}.csv", table, "%.8g", ",", header=header, comments="")
+    return bench
+
+
+def load(masses, noise=0.02, factor=1.0):
+    """Torque of a chain of point masses (n,) or by run, with friction."""
+
+    def made(q, v, a, rng, t):
+        tau = chain(q, v, a, masses, 0.3) + rub(v, 0.3, 0.4)
+        return factor * (tau + rng.normal(0.0, noise, q.shape))
+
+    return made
+
+
+@pytest.mark.parametrize(("n", "clock"), [(3, 0.5), pytest.param(2, 10.0, marks=pytest.mark.slow)])
+def test_a_clock_that_is_wrong_is_told_first_and_taken(tmp_path, n, clock):
+    """All speeds differ from the slopes of the positions by one factor, which no speed column's unit is."""
+    bench = record_speeds(Bench(tmp_path, n, seconds=12.0), load(1.2), clock)
+    text = bench.refuse()
+    assert f"the clock or the rate is wrong by a factor of {max(clock, 1 / clock):g}" in text
+    said = re.search(r"give --time-scale (\S+),", text)
+    assert said is not None and float(said[1]) == pytest.approx(1.0 / clock)
+    notes = bench.accept("--time-scale", said[1])
+    assert any("times those recorded, as 'time_scale' says" in note for note in notes)
+    fields = yaml.safe_load((tmp_path / "d/dataset.yaml").read_text())
+    assert fields["sample_rate"] == pytest.approx(bench.rate / clock, rel=1e-3)
+
+
+def test_one_speed_that_is_none_is_no_clock(tmp_path):
+    bench = record_speeds(Bench(tmp_path, 2, seconds=12.0), load(1.2), turned=np.array([1.0, 60.0]))
+    assert "column 'qd_j2' is 60 times the slope of 'q_j2'" in bench.refuse()
+
+
+@pytest.mark.parametrize("n", [3, 2])
+def test_a_robot_that_stands_is_said_to_stand_with_its_pushes(tmp_path, n):
+    bench = Bench(tmp_path, n, seconds=18.0, runs=2)
+
+    def torque(q, v, a, rng, t):
+        push = np.exp(-(((t - 6.0) / 0.4) ** 2)) + np.exp(-(((t - 12.0) / 0.4) ** 2))
+        still = chain(0.0 * q + 0.3, 0.0 * q, 0.0 * q, 1.2, 0.3)
+        return still - 3.0 * push[:, None] + rng.normal(0.0, 0.02, q.shape)
+
+    text = bench.record(torque, position=lambda q, k: 0.3 + 1e-3 * q / np.abs(q).max()).refuse()
+    assert "the robot stands still" in text and "pushed in" in text
+    assert re.search(r"run0.* at 6\.0 s \(3 N m at j1", text) and "turn" not in text and "late" not in text
+
+
+def test_pushes_have_their_times_and_sizes():
+    t = np.arange(0.0, 20.0, 0.01)
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (len(t), 2))
+    tau = noise + [1.0, -2.0] + np.exp(-(((t - 7.0) / 0.3) ** 2))[:, None] * [0.0, 4.0]
+    ((when, sizes),) = find_pushes(t, tau)
+    assert when == pytest.approx(7.0, abs=0.1) and sizes == pytest.approx([0.0, 4.0], abs=0.1)
+    assert find_pushes(t, noise) == []
+
+
+def test_files_without_names_are_taken_by_the_columns_that_are_given(tmp_path):
+    bench = Bench(tmp_path, 2, seconds=9.0).record(load(1.2))
+    names = (tmp_path / "run0.csv").read_text().split("\n", 1)[0]
+    for k in range(bench.runs):
+        file = tmp_path / f"run{k}.csv"
+        file.write_text(file.read_text().split("\n", 1)[1])
+    assert f"--columns {names.split(',')[0]}" in bench.refuse()
+    assert "has 5 columns, and --columns names 2" in bench.refuse("--columns", "time,q1")
+    bench.accept("--columns", names)
+
+
+def test_reference_gain_and_scale_of_time_stand_in_the_data_set(tmp_path):
+    bench = Bench(tmp_path, 2, seconds=9.0).record(load(1.2, factor=0.5))
+    sessions = [f"run{k}.csv={'new' if k == 2 else 'old'}" for k in range(3)]
+    options = [word for one in sessions for word in ("--session", one)]
+    notes = bench.accept("--torque-gain", "j1=2,j2=2", "--reference", "old", *options)
+    fields = yaml.safe_load((tmp_path / "d/dataset.yaml").read_text())
+    assert fields["torque_gain"] == {"j1": 2.0, "j2": 2.0} and fields["reference"] == ["old"]
+    assert any("tau_j1 times 2, tau_j2 times 2, as 'torque_gain' says" in note for note in notes)
+    assert not any("times what the stated bodies need" in note for note in notes)
+
+
+def test_a_lone_recording_is_cut_where_both_parts_move(tmp_path):
+    """The robot stands for the last half of it."""
+    bench = Bench(tmp_path, 2, seconds=30.0, runs=1)
+
+    def stop(x):
+        return np.where(np.arange(len(x))[:, None] < len(x) // 2, x, x[len(x) // 2])
+
+    def torque(q, v, a, rng, t):
+        moves = np.arange(len(t))[:, None] < len(t) // 2
+        still = chain(stop(q), moves * v, moves * a, 1.2, 0.3)
+        return still + rub(moves * v, 0.3, 0.4) + rng.normal(0.0, 0.02, q.shape)
+
+    done = bench.record(torque, position=lambda q, k: stop(q)).take()
+    assert done.exit_code == 0, done.output + str(done.exception)
+    seconds = re.search(r"the one recording's last (\d+) s", done.output)
+    assert seconds is not None and 15 < int(seconds[1]) < 25
+
+
+def test_a_recording_that_is_too_short_says_how_long_it_must_be(tmp_path):
+    bench = Bench(tmp_path, 1, seconds=3.0, runs=1).record(load(1.2))
+    assert re.search(r"run0\.csv: 3 s are too short to be cut .* record 13 s or more", bench.refuse())
