@@ -28,7 +28,6 @@ _WORDS = {
 _SERVO = {
     "duty": set("duty pwm load".split()),
     "volts": set("volt volts voltage voltages".split()),
-    "gain": set("gain gains kp stiffness".split()),
     "on": set("enable enabled".split()),
 }
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}

@@ -29,7 +29,7 @@ SERVO_KINDS = ("goal", "duty", "gain", "volts", "on")
 #: Whole numbers above it are tenths of a volt, as the registers of these servos have them.
 _TENTHS = 30.0
 #: Columns that are taken where a recording has them.
-_OPTIONAL = {"voltage": ("gain", "volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
+_OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
 
 
 def read_servo_option(text: str) -> ServoFields:
@@ -87,7 +87,9 @@ def choose_servo_groups(
         Where a column that the law needs is not found.
     """
     groups = {}
-    for kind in (*COLUMNS[servo.law], *_OPTIONAL[servo.law]):
+    # A servo's own registers of its gain have another unit, so that its column is taken by name only.
+    named = ("gain",) if servo.law == "voltage" and "gain" in patterns else ()
+    for kind in (*COLUMNS[servo.law], *named, *_OPTIONAL[servo.law]):
         if kind in patterns:
             groups[kind] = match_pattern(patterns[kind], columns, joints, kind, movable)
             continue
