@@ -160,7 +160,6 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         shifted=_read_columns("shift", stated.pop("shifted")),
         scaled=_read_columns("scale", stated.pop("scaled")),
         torque_gain=_read_columns("torque-gain", stated.pop("torque_gain")),
-        reference=_split(stated.pop("reference")),
         columns=_split(stated.pop("columns")),
         readings=_read_readings(stated.pop("readings")),
         servo=None if servo is None else read_servo_option(servo),

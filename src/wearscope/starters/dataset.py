@@ -96,8 +96,6 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
     if mapped.accept:
         lines.append("accept:")
         lines += [f"- {quote(one)}" for one in mapped.accept]
-    if mapped.reference:
-        lines.append(f"reference: {_list(mapped.reference)} # sessions in which the machine was healthy")
     lines.append("runs:")
     payload = None if mapped.payload is None else (mapped.payload, *mapped.payload_com)
     lines += [_describe_run(run, mapped, payload) for run in converted.runs]
