@@ -48,7 +48,6 @@ def test_a_cut_study_is_the_uncut_one_to_the_byte(clone):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_they_are_needed(clone):
     """Equal tables; a later stage alone needs none; a changed detector has the points simulated again."""
     study = yaml.safe_load((clone / "uncut.yaml").read_text()) | {"study": "dropped"}
@@ -72,6 +71,7 @@ def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_
     pd.testing.assert_frame_equal(again, kept[kept["fda"] == first].reset_index(drop=True))
 
 
+@pytest.mark.slow
 def test_packed_recordings_are_those_of_files_a_point(clone):
     """A file a chunk, checked and made again as any other: the same tables and recordings."""
     study = yaml.safe_load((clone / "cut.yaml").read_text())

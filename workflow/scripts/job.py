@@ -77,7 +77,8 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         if error.errno not in FULL:
             note(traceback.format_exc())
             raise
-        say(str(explain_unwritten([*getattr(snakemake, "output", []), snakemake.log[0]][0], error)))
+        place = error.filename or [*getattr(snakemake, "output", []), snakemake.log[0]][0]
+        say(str(explain_unwritten(place, error)))
         sys.exit(1)
     except Exception:
         note(traceback.format_exc())

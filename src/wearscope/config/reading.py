@@ -15,8 +15,14 @@ from wearscope.errors import InputError
 #: Settings of earlier releases that are no more.
 RETIRED = (
     "attribution_board",
-    "closed_loop.policy.standard_share",
-    "closed_loop.policy.unknown_share",
+    *(
+        f"closed_loop.policy.{name}"
+        for name in (
+            "agreeing alike away beyond_chance beyond_doubt cancels family_level fewest_blocks informing "
+            "large_share material_alone material_apart material_share material_torque material_whole "
+            "most_terms set_level slow standard_share told_apart unexpected unknown_share"
+        ).split()
+    ),
 )
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope import tables
+from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
 from wearscope.reporting.events import join_events, render_event_table
@@ -41,7 +42,7 @@ _STATES |= {_OPEN: "triangle-up"}
 _TINTS = ("var(--soft)", "var(--after)", "var(--before)", "var(--c5)")
 _SHARE = "friction"
 #: Changes that maintenance is for; what `smallest_visible` holds, with its unit and scale.
-_WEARS = {"coulomb", "viscous", "wear", "stribeck", "load_dependent_friction"}
+_WEARS = {effect.name for effect in list_effects() if effect.is_friction and not effect.is_thermal}
 _MOST_TOLD = 3
 _SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 

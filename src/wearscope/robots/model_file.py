@@ -35,7 +35,7 @@ def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> P
         try:
             if candidate.is_file():
                 return candidate
-        except ValueError:  # a path that no system has
+        except (ValueError, OSError):  # a path that no system has, or a name that is too long
             break
     module = plugins.installed_file(str(reference), "robots") if isinstance(reference, str) else None
     if module is not None:
