@@ -120,7 +120,7 @@ def _find_worse(
         theta = model.solve()
         test = prepared.runs_for("test")
         left = [run.measured - predict_reduced(model, theta, run) for run in test]
-        errors.append([(prepared.take_out_levels(r, e), r.keep) for r, e in zip(test, left, strict=True)])
+        errors.append([(e, r.keep) for r, e in zip(test, left, strict=True)])
     change, interval = bootstrap_change(errors[0], errors[1], max(4, int(4 * prepared.band.torque)), _SEED)
     for j in np.argsort(-np.nan_to_num(change)).tolist():
         if not change[j] > 100.0 * SAME:

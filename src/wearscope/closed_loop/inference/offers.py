@@ -1,7 +1,7 @@
 """What a model may be extended by: candidates that apply, with the coefficients that make sense."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -144,8 +144,3 @@ def may_gain(score: Score, model: Model, offer: Offer) -> bool:
     # A body may also relieve the links of what they had to be without it.
     relief = 0.5 * offer.gain if offer.term.effect.spread else 0.0
     return bool(max(most, relief) > score.odds(offer.term) + 0.5 * score.count(offer.term) * np.log(30.0))
-
-
-def widen(term: Term, alternatives: float) -> Term:
-    """The same term, chosen from so many alternatives."""
-    return replace(term, alternatives=alternatives)

@@ -118,11 +118,6 @@ class Problem:
         stated = declared_terms(prepared, self.declared, self.given, self.joined)
         self.declared_terms = [*stated, *self.late]
 
-    def forget(self) -> None:
-        """Let go of candidates, which are made again when they are asked for."""
-        self._made.clear()
-        self._waves.clear()
-
     def remake(self, term: Term) -> Term:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
         made, shape = term.candidate, np.array(term.model_term.shape)

@@ -124,5 +124,4 @@ def _take_test_run(
     columns = model.take_columns(run, find_signals(model, theta, run))
     for k, share in shares.items():
         columns[..., model.spans[k]] *= share
-    levelled = model.prepared.take_out_levels
-    return _TestRun(levelled(run, residual), levelled(run, columns), run.keep)
+    return _TestRun(residual, columns, run.keep)

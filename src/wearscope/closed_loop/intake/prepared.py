@@ -99,8 +99,6 @@ class Prepared:
         By joint, torque over what the stated bodies need, where one clearly fits better than 1.
     checked : list of str
         Those of the notes that came of `check_plausibility`.
-    levelled : tuple of int
-        Joints whose torque is compared about its mean in each run, since its level is a drift's, perhaps.
     """
 
     dataset: Dataset
@@ -114,7 +112,6 @@ class Prepared:
     link_side: frozenset[str] = frozenset()
     torque_factors: dict[str, float] = field(default_factory=dict)
     checked: list[str] = field(default_factory=list)
-    levelled: tuple[int, ...] = ()
 
     @property
     def torque_readings(self) -> dict[str, str]:
@@ -157,13 +154,6 @@ class Prepared:
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
-
-    def take_out_levels(self, run: PreparedRun, x: np.ndarray) -> np.ndarray:
-        """Rows (M, n, ...) of a run's torque without its mean over those that count at `levelled` joints."""
-        x = x.copy()
-        for j in self.levelled:
-            x[:, j] -= x[run.keep[:, j], j].mean(axis=0) if run.keep[:, j].any() else 0.0
-        return x
 
     def reverse_over(self, reversals: Reversals) -> "Prepared":
         """The same data set with directions of motion that change in another way."""
