@@ -128,3 +128,13 @@ def test_a_correction_without_a_name_is_no_model_that_suffices():
     assert kind == "unsure" and told.startswith("The declared model lacks a torque without a name at axis_2.")
     left_out = copy.deepcopy(VERDICT) | {"verdict": [unknown | {"in_model": False}]}
     assert conclude_loop(left_out)[1].startswith("The declared model suffices")
+
+
+def test_a_headline_has_three_names_and_a_count_and_each_joint_once():
+    joints = {f"axis_{k}": dict(JOINT) for k in range(1, 6)}
+    names = ["backlash", "backlash", "stribeck", "joint_spring", "torque_ripple", "quadratic_viscous"]
+    where = ["axis_1", "axis_1", "axis_2", "axis_3", "axis_4", "axis_5"]
+    entries = [ENTRY | {"effect": n, "joint": j, "equivalent": []} for n, j in zip(names, where, strict=True)]
+    text = conclude_loop({"verdict": entries, "joints": joints})[1]
+    assert "backlash at axis_1; " in text and "; and 2 more. " in text
+    assert "ripple" not in text

@@ -24,6 +24,9 @@ LARGE = 10.0
 #: Colour of what the test runs say of an effect.
 STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
+#: Most names in a headline.
+_MOST_NAMES = 3
+
 
 def list_shared() -> set[str]:
     """Effects that the robot has once and every joint feels."""
@@ -117,9 +120,9 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         doubts = "" if one["status"] == "confirmed" else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
         named.setdefault((told, doubts, kept), []).append(one["joint"] if alone else "")
-    lacks = "; ".join(
-        f"{name}{_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()
-    )
+    every = [f"{name}{_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()]
+    more_names = [f"and {len(every) - _MOST_NAMES} more"] if len(every) > _MOST_NAMES else []
+    lacks = "; ".join([*every[:_MOST_NAMES], *more_names])
     text = f"The declared model lacks {lacks}. {_tell_gain(verdict, [kept for *_, kept in named])}"
     grown = _tell_growth(verdict)
     certain = [
@@ -134,7 +137,7 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
     """The joints of an effect, where its name has no place yet."""
-    every = list(verdict["joints"])
+    every, joints = list(verdict["joints"]), list(dict.fromkeys(joints))
     if "" in joints:
         return ""
     if len(joints) == len(every) > 2:
