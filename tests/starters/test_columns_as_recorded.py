@@ -98,7 +98,7 @@ def test_reference_gain_and_scale_of_time_stand_in_the_data_set(tmp_path):
 
 
 def test_a_lone_recording_is_cut_where_both_parts_move(tmp_path):
-    """The robot stands for the last half of it."""
+    """The robot stands in its last half."""
     bench = Bench(tmp_path, 2, seconds=30.0, runs=1)
 
     def stop(x):
