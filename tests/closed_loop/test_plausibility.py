@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,11 @@ import yaml
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import ask_runs, check_plausibility
+from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
+from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.closed_loop.intake.traits.rows import Rows
+from wearscope.closed_loop.intake.traits.score import Weighing
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
@@ -122,15 +126,16 @@ def test_a_torque_behind_the_gear_has_no_rotor_in_it(tmp_path, moment, behind):
     if behind:
         check(folder)
     else:
-        refuse(folder, "'tau_pivot' is 0.000[78].* times what the rigid body needs")
+        refuse(folder, "'tau_pivot' is 0.0[34].* times what the rigid body needs")
 
 
 def test_noise_far_below_the_bodys_torque_is_not_explained(tmp_path):
     """The fit takes the body's torque away; what is left then is rounding errors of either sign."""
-    rows = ask_runs(check(swing(tmp_path / "p", 1.0)))
+    rows = Rows.of(check(swing(tmp_path / "p", 1.0)))
     noise = np.random.default_rng(1).standard_normal(rows.tau.shape)
     for size in 10.0 ** -np.arange(5.0, 14.0):
-        assert rows.with_torques(size * noise).products.fit().left[0] > 0.9, size
+        fit = Weighing(replace(rows, tau=size * noise)).fit(Reading.stated(1))
+        assert fit.leave_plain()[0] > 0.9, size
 
 
 @pytest.mark.parametrize("drag", [slow(5.0), 20.0, slow(60.0)])

@@ -16,7 +16,6 @@ from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
 from wearscope.cli.new_dataset import _name_option, _read_columns
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.intake import zeros
 
 
 def slow(*numbers):
@@ -177,13 +176,6 @@ def test_another_zero_is_told_though_friction_is_most_of_the_torque(tmp_path):
     )
     said = re.search(r"--shift q_j2=(\S+?)[; ]", bench.refuse())
     assert said is not None and float(said[1]) == pytest.approx(np.pi / 2.0, abs=0.05)
-
-
-@pytest.mark.parametrize(("sharp", "want"), [(1.0, np.pi / 2.0), (100.0, 1.64)])
-def test_a_quarter_turn_is_taken_where_it_leaves_about_as_little(sharp, want):
-    """Of light links the weight tells an angle within some degrees only."""
-    found = zeros._refine(lambda shift: 1.0 + sharp * (shift[1] - 1.64) ** 2, np.array([0.0, 1.5]))
-    np.testing.assert_allclose(found, [0.0, want], atol=2e-3)
 
 
 @pytest.mark.parametrize(("n", "mass", "friction"), [(2, 2.0, 0.1), (1, 0.4, 1.0), (3, 20.0, 0.6)])

@@ -5,6 +5,7 @@ import numpy as np
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.recording import estimate_quantum
+from wearscope.closed_loop.intake.traits.hypotheses import say_clock
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
 #: Counts of a torque that a joint which holds still may swing by.
@@ -101,18 +102,6 @@ def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[flo
         if np.ptp(run.signals.q[:, j]) > max(1e-3, 10.0 * float(estimate_quantum(recorded.q[:, [j]])[0])):
             found[j] = (both / size, alike)
     return found
-
-
-def say_clock(factor: float) -> tuple[str, tuple[str, ...]]:
-    """What is said of a clock by true time over the recorded one."""
-    by = max(factor, 1.0 / factor)
-    by = float(round(by)) if abs(by / round(by) - 1.0) < 0.01 else by
-    factor, way = (by, "short") if factor > 1.0 else (1.0 / by, "long")
-    return (
-        f"the clock or the rate is wrong by a factor of {by:.4g}, times are too {way}; write "
-        f'"time_scale: {factor:.6g}" in dataset.yaml',
-        ("clock t",),
-    )
 
 
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:

@@ -1,0 +1,175 @@
+"""A coarse dictionary of machines: columns of what a torque may hold besides the stated rigid body.
+
+The links' inertial parameters may differ from the stated ones, at a cost; each joint has a drive. What a
+machine may have in addition (a payload, a spring, a balancer, a soft gear, friction that grows with the load
+or falls with the speed) are terms. Each column is as large as a coefficient of one standard deviation of its
+prior makes it, in units of the torque's spread.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.closed_loop.intake.traits.rows import Rows
+from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
+
+#: Share of a link's own parameters by which they may differ from the stated ones, trusted or approximate;
+#: share of the robot's mass that every link and the last may carry in addition.
+_SLACK = {"trusted": 0.15, "approximate": 0.25}
+_CARRIED, _LOADED = 0.01, 0.05
+#: Share of the robot's mass that a payload may have, and of its reach that it may be away from the joint.
+_PAYLOAD = 0.3
+#: Most that a rotor needs of a torque, over the largest that any joint's body needs.
+ROTOR = 10.0
+#: Speeds over which friction falls, over the largest one.
+_FALLS = (0.05, 0.3)
+#: Columns of a joint of its own. The first `DRIVE` are in every model; those of `FREE` may have either sign.
+OWN = ("inertia", "Coulomb", "viscous", "offset", "load", *["falling"] * 2, *["falling load"] * 2)
+OWN = (*OWN, "spring", "balancer", "balancer")
+DRIVE, FREE = 4, ("offset", "spring", "balancer")
+FRICTION = slice(1, 3)
+#: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
+_ACTS = 1e-9
+#: Step [s] of the derivatives along a motion; step of a position, over its span.
+_STEP, _BEND = 0.01, 1e-4
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a reading.
+
+    Attributes
+    ----------
+    known : ndarray (N, n)
+        Torque of the stated rigid body and payload.
+    shared : ndarray (N, n, S)
+        Of what acts on several joints: links, payload, one soft gear a joint that is heard.
+    own : ndarray (N, n, len(OWN))
+    links : int
+        Number of the links' columns.
+    """
+
+    known: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+    links: int
+
+
+def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
+    """Columns of what the torques may hold where the motion is as a reading has it.
+
+    Parameters
+    ----------
+    rows : Rows
+    reading : Reading
+    coarse : bool
+        Without soft gears.
+    """
+    moved, motors = rows.motion(reading), [] if coarse else rows.heard
+    bodies = [_mount(run.signals.rigid_body, reading) for run in rows.prepared.runs]
+    known, body = _know(moved, bodies), bodies[int(rows.run[0])]
+    links = body.inertial_regressor(moved.q, moved.v, moved.a)
+    inertials = rows.prepared.dataset.fields.robot.inertials
+    slack = links @ _list_ways(rows.prepared.runs[0].signals.rigid_body, inertials)
+    payload = links[:, :, -N_PARAMETERS:][:, :, :4] * scale_payload(body)[0]
+    if reading.without:
+        # A controller takes out the gravity of its own model: that of what it does not know stays.
+        taken = [one.with_payload(None) for one in bodies] if reading.without == "robot" else bodies
+        known = known - _know(replace(moved, v=0.0 * moved.v, a=0.0 * moved.a), taken)
+    soft = _bend(moved, body, motors)
+    top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
+    load = moved.sign * np.abs(known)
+    falls = [np.exp(-slow / (share * top)) for share in _FALLS]
+    own = [moved.a, moved.sign, moved.v, np.ones_like(known), load, *(moved.sign * f for f in falls)]
+    own += [*(load * f for f in falls), moved.q, np.sin(moved.q), np.cos(moved.q)]
+    shared = np.concatenate([slack, payload, soft], axis=2)
+    return Columns(known, shared, np.stack(own, axis=2), slack.shape[2])
+
+
+def _mount(body: RigidBody, reading: Reading) -> RigidBody:
+    """A run's body under the gravity of a reading."""
+    return body if reading.gravity is None else body.with_gravity(reading.gravity)
+
+
+def _know(moved: Rows, bodies: list[RigidBody]) -> np.ndarray:
+    """Torque (N, n) of the stated bodies, each run with the payload that it declares."""
+    known = np.zeros_like(moved.q)
+    payloads = [body.payload for body in bodies]
+    for payload in {payloads[k] for k in np.unique(moved.run).tolist()}:
+        at = np.isin(moved.run, [k for k, one in enumerate(payloads) if one == payload])
+        body = bodies[payloads.index(payload)]
+        known[at] = body.inverse_dynamics(moved.q[at], moved.v[at], moved.a[at])
+    return known
+
+
+def _bend(moved: Rows, body: RigidBody, motors: list[int]) -> np.ndarray:
+    """What a soft gear at each motor changes in the torques (N, n, M): link and motor move apart."""
+    q, v, a, step = moved.q, moved.v, moved.a, _STEP
+    if not motors:
+        return np.zeros((*q.shape, 0))
+    now = body.inverse_dynamics(q, v, a)
+
+    def look(s: float) -> np.ndarray:
+        """Torque so many seconds later."""
+        half, jerk = s**2 / 2, moved.jerk
+        return body.inverse_dynamics(
+            q + s * v + half * a, v + s * a + half * jerk, a + s * jerk + half * moved.snap
+        )
+
+    later, before = look(step), look(-step)
+    rate, bend = (later - before) / (2 * step), (later - 2 * now + before) / step**2
+    out = np.zeros((*q.shape, len(motors)))
+    for k, j in enumerate(motors):
+        one = np.eye(moved.n)[j]
+        size = _BEND * max(float(np.ptp(q[:, j])), 1e-6) / max(float(np.abs(now[:, j]).max()), 1e-12)
+        moves = [x - size * np.outer(y[:, j], one) for x, y in ((q, now), (v, rate), (a, bend))]
+        out[:, :, k] = (body.inverse_dynamics(*moves) - now) / size
+    return out
+
+
+def scale_payload(body: RigidBody) -> tuple[np.ndarray, float]:
+    """Standard deviation (4,) of a payload's mass [kg] and its moment [kg m], and the robot's reach [m]."""
+    arms = np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0], axis=0), axis=1)
+    mass, reach = float(body.inertial_parameters[::N_PARAMETERS].sum()), float(arms.sum())
+    return _PAYLOAD * mass * np.array([1.0, *[_PAYLOAD * reach] * 3]), reach
+
+
+def scale_columns(columns: Columns, j: int, size: float) -> np.ndarray:
+    """Columns (N, len(OWN)) of joint j over the torque's spread, each as large as it usually is."""
+    x = columns.own[:, j]
+    rms = np.sqrt(np.mean(x**2, axis=0)) + 1e-300
+    largest = np.where(np.array(OWN) == "inertia", size, 1.0)
+    return np.asarray(x / rms * largest)
+
+
+@lru_cache(maxsize=64)
+def _list_ways(body: RigidBody, inertials: str) -> np.ndarray:
+    """Ways (10 n, P) in which the links' parameters can act on torques, each with the cost of one.
+
+    Some do not act on any torque, and others alike, whatever the motion and wherever gravity points.
+    """
+    q, v, a = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 20, body.n))
+    seen = [body.with_gravity(axis).inertial_regressor(q, v, a) for axis in np.diag([9.8] * 3).tolist()]
+    deviations = _list_deviations(body, inertials)
+    x = np.concatenate(seen) * deviations
+    x /= np.maximum(np.linalg.norm(x, axis=(0, 2), keepdims=True), 1e-300)
+    _, sizes, ways = np.linalg.svd(x.reshape(-1, x.shape[2]), full_matrices=False)
+    return np.asarray(deviations[:, None] * ways[sizes > _ACTS * sizes[0]].T)
+
+
+def _list_deviations(body: RigidBody, inertials: str) -> np.ndarray:
+    """Standard deviation (10 n,) of each inertial parameter about the stated one."""
+    links = body.inertial_parameters.reshape(-1, N_PARAMETERS)
+    share, total = _SLACK[inertials], float(links[:, 0].sum())
+    arms = np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0][1:], axis=0), axis=1)
+    radii = np.linalg.norm(links[:, 1:4], axis=1) / np.maximum(links[:, 0], 1e-300)
+    length = max(float(np.median(np.maximum(arms, radii))), 1e-3)
+    out = np.empty_like(links)
+    for k, link in enumerate(links):
+        carried = (_LOADED if k == len(links) - 1 else _CARRIED) * total
+        out[k, 0] = share * link[0] + carried
+        out[k, 1:4] = share * np.linalg.norm(link[1:4]) + carried * length
+        out[k, 4:] = share * np.abs(link[4:]).max() + carried * length**2
+    return out.ravel()

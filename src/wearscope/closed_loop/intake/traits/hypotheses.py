@@ -1,0 +1,467 @@
+"""Traits of a recording: each is a way in which its columns may differ from what they are said to be.
+
+A trait is added here: what readings it makes of another reading, and what is said of a reading that has it.
+The score decides between readings; nothing else here does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from scipy import optimize
+
+from wearscope.closed_loop.intake.acceptance import exchange_code
+from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.closed_loop.intake.traits.rows import LONGEST, Rows
+from wearscope.closed_loop.intake.traits.score import ROWS, Weighing
+
+#: Odds against what is noted, in nats: 20 to 1.
+NOTE = 3.0
+#: Nats of a number that is free; within which a known number is taken; up to which a better one is sought.
+FREE, _ALIKE, _HOPE = 0.5 * float(np.log(ROWS)), 1.0, 20.0
+#: Torque over need that is no error of the model, from and to.
+SMALL, LARGE = 0.25, 4.0
+#: Shortest delay [s] that is refused: the loop names shorter ones.
+LATE = 0.025
+DEGREE = float(np.pi / 180.0)
+_MM, _QUARTER = 1e-3, float(np.pi / 2.0)
+#: Factors of positions, and of clocks, that are known; where others are looked for.
+_FACTORS = (0.125, 0.25, 0.5, 2.0, 4.0, float(np.pi), float(2 * np.pi))
+_CLOCKS = (0.1, 0.5, 2.0, 10.0)
+_DELAYS, _LAGS = (-0.08, -0.02, 0.01, 0.02, 0.04, 0.08, 0.16), (0.01, 0.03, 0.1)
+#: Odds for Earth's gravity, in nats.
+_UNEARTHLY = 10.0
+#: Cosine to the stated direction from which gravity has no other; part of it along an axis that is none.
+_SAME, _LEVEL = 0.95, 0.03
+_SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
+
+Told = tuple[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Trait:
+    """A way in which columns may differ from what is stated.
+
+    Attributes
+    ----------
+    propose : callable
+        ``propose(few, reading)`` gives readings with the trait in addition, their numbers refined.
+    tell : callable
+        ``tell(reading, rows)`` gives what is said of it and its codes; None where the reading has none of it.
+    notes : callable or None
+        ``notes(reading)`` is whether it is noted and not refused, as the loop has a name for it. The readings
+        that it proposes then hold the odds against it.
+    """
+
+    propose: Callable[[Weighing, Reading], Iterator[Reading]]
+    tell: Callable[[Reading, Rows], Told | None]
+    notes: Callable[[Reading], bool] | None = None
+
+
+def say_columns(names: list[str]) -> str:
+    """Columns as a list in words."""
+    quoted = [f"'{name}'" for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
+
+
+def _name(rows: Rows, joints: np.ndarray | list[int], kind: str) -> list[str]:
+    return [f"{kind}_{rows.joints[j]}" for j in joints]
+
+
+def _turning(few: Weighing) -> list[int]:
+    return [j for j in few.rows.heard if not few.rows.slides[j]]
+
+
+def refine(
+    few: Weighing, make: Callable[[float], Reading], start: float, reach: tuple[float, float], hope: float
+) -> Reading:
+    """The best reading near a number, where that is worth while."""
+    best = make(start)
+    if few.look(best) < hope:
+        found = optimize.minimize_scalar(
+            lambda x: few.look(make(float(x))), bounds=reach, method="bounded", options={"maxiter": 10}
+        )
+        best = min((best, make(float(found.x))), key=few.look)
+    return best
+
+
+def _round(few: Weighing, best: Reading, known: Reading) -> Reading:
+    """A known number where it does about as well."""
+    return known if few.look(known) < few.look(best) + _ALIKE else best
+
+
+def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """No gravity, that of a controller's model taken out, and another direction or size of it."""
+    body = few.rows.prepared.runs[0].signals.rigid_body
+    stated, size = np.array(body.gravity), float(np.linalg.norm(body.gravity))
+    if not size or r.without or r.gravity is not None:
+        return
+    yield r.has("without_gravity", 0.0, gravity=(0.0, 0.0, 0.0))
+    yield r.has("without_gravity", 0.0, without="all")
+    if body.payload is not None:
+        yield r.has("without_gravity", 0.0, without="robot")
+    if not 9.7 < size < 9.9:
+        # No place on Earth has the stated one, which is the unlikely one.
+        yield r.has("gravity", -_UNEARTHLY, gravity=tuple((9.81 / size * stated).tolist()))
+
+    def point(way: np.ndarray) -> Reading:
+        along = size * np.asarray(way) / max(float(np.linalg.norm(way)), 1e-9)
+        return r.has("gravity", 2.0 * FREE, gravity=tuple(along.tolist()))
+
+    ways = [way for way in np.vstack([np.eye(3), -np.eye(3)]) if way @ stated < _SAME * size]
+    start = min(ways, key=lambda way: few.look(point(way)))
+    if few.look(point(start)) < few.look(r) + _HOPE:
+        found = optimize.minimize(
+            lambda way: few.look(point(way)), start + 1e-3, method="Nelder-Mead", options={"maxfev": 40}
+        ).x
+        found = np.where(np.abs(found) < _LEVEL * np.linalg.norm(found), 0.0, found)
+        start = found if found @ stated < _SAME * size * np.linalg.norm(found) else start
+    yield point(start)
+
+
+def _tell_gravity(r: Reading, rows: Rows) -> Told | None:
+    if r.without == "robot":
+        return (
+            "the torque has the payload's gravity in it and not the robot's own; record the motors' whole "
+            "torque, or add what the controller took out.",
+            ("without_gravity tau",),
+        )
+    if r.without or r.gravity == (0.0, 0.0, 0.0):
+        return (
+            'the torque has no gravity in it; write "torque: without_gravity" in dataset.yaml, or record the '
+            "motors' whole torque.",
+            ("without_gravity tau",),
+        )
+    if r.gravity is None:
+        return None
+    stated = np.array(rows.prepared.runs[0].signals.rigid_body.gravity)
+    size = float(np.linalg.norm(stated))
+    if stated @ np.array(r.gravity) > 0.999 * size * np.linalg.norm(r.gravity):
+        return f"gravity is not {size:.3g} m/s^2 strong as robot.gravity says; give m/s^2.", ("size gravity",)
+    along = ", ".join(f"{one + 0.0:.3g}" for one in r.gravity)
+    return (
+        f"gravity acts along [{along}] in the base frame, as of a robot that is mounted so; write "
+        f'"gravity: [{along}]" below robot in dataset.yaml.',
+        ("sign gravity",),
+    )
+
+
+def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Torques of another size than the body needs: of one joint, of all alike, or each by its own."""
+    if any(one != 1.0 for one in r.size):
+        return
+    fit, n = few.fit(r), few.rows.n
+    own = {int(j): fit.size_alone(k) for k, j in enumerate(fit.joint)}
+    own = {j: float(np.clip(abs(one), 1e-4, 1e4) * np.sign(one or 1.0)) for j, one in own.items()}
+    every, hope = list(own), few.look(r) + _HOPE
+    sizes = np.array(list(own.values()))
+    middle = float(np.median(np.abs(sizes)))
+
+    def resize(octaves: float, some: list[int], sign: float = 1.0) -> Reading:
+        # Of all torques alike, links that are all off alike are no rival: it is said so.
+        nats = FREE if len(some) == len(every) > 1 else FREE + NOTE + float(np.log(len(every)))
+        return r.has("size", nats, size=r.put("size", some, sign * float(2.0**octaves)))
+
+    for some, one in [(every, middle), *(([j], own[j]) for j in every if len(every) > 1)]:
+        if one > 0.0 or abs(one) > LARGE or abs(one) < SMALL:
+            centre, sign = float(np.log2(abs(one))), float(np.sign(one))
+            make = partial(resize, some=some, sign=sign)
+            yield refine(few, make, centre, (centre - 1.0, centre + 1.0), hope)
+    if len(every) > 1 and not np.all((np.abs(sizes) > SMALL) & (np.abs(sizes) < LARGE)):
+        yield r.has("size", FREE * len(every), size=tuple(own.get(j, 1.0) for j in range(n)))
+
+
+def is_off(size: float) -> bool:
+    """Whether a torque over need is no error of the model."""
+    return not SMALL < size < LARGE
+
+
+def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
+    size = np.array(r.size)
+    at = np.flatnonzero(size != 1.0)
+    off = [j for j in at if is_off(size[j])]
+    at = np.array(off) if off else at
+    if not len(at):
+        return None
+    names = _name(rows, at, "tau")
+    if not off:
+        values = [f"{one:.3g}" for one in size[at]]
+        where = [rows.joints[j] for j in at]
+        if set(rows.heard) == set(at.tolist()) and len(set(values)) == 1:
+            where, values = ["all joints"], values[:1]
+        told = (
+            f"torques at {', '.join(where)} are {', '.join(values)} times what the stated bodies need: the "
+            "payload, masses, torque constants or positions (gear ratio, counts per turn) are off, or a "
+            "balancer is not declared. Where constants are off, friction is as far off."
+        )
+        return told, tuple(f"gain {name}" for name in names)
+    middle, ratio = abs(float(np.median(size[at]))), rows.prepared.dataset.fields.robot.gear_ratio
+    hint = (
+        "give torque on the joint side of the gear in N m (or N), and check the URDF's and payload's masses"
+    )
+    if ratio is not None and 0.3 < middle * float(np.median(np.abs(np.array(ratio)[at]))) < 3.0:
+        hint = "it looks like motor-side torque: multiply it with the gear ratio"
+    elif rows.slides[at].all():
+        hint += ", and that q is in m; a spindle's force is its torque times 2 pi over its lead"
+    elif middle > LARGE or 0.7 < middle / DEGREE < 1.4:
+        hint += ", and that q is in rad and not in turns or degrees"
+    if turned := [name for name, one in zip(names, size[at], strict=True) if one < 0.0]:
+        columns = ", ".join(turned)
+        hint += f'; what is negative is turned round too: write "turned: [{columns}]" in dataset.yaml'
+    verb, sizes = "is" if len(at) == 1 else "are", ", ".join(f"{one:.3g}" for one in size[at])
+    told = (
+        f"{say_columns(names)} {verb} {sizes} times what the rigid body needs, as currents or torques in "
+        f"another unit or before a gear are; {hint}."
+    )
+    return told, tuple(f"gain {name}" for name in names)
+
+
+def _propose_signs(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Torques or positions turned round, all torques at once, or both columns of a joint."""
+    heard = few.rows.heard
+    if len(heard) > 1:
+        yield r.has("sign", 0.0, torque_sign=tuple(-one for one in r.torque_sign))
+    for j in heard:
+        torque = {"torque_sign": r.times("torque_sign", [j], -1.0)}
+        position = {"factor": r.times("factor", [j], -1.0), "zero": r.times("zero", [j], -1.0)}
+        yield r.has("sign", 0.0, **torque)
+        if not few.rows.slides[j]:
+            yield r.has("sign", 0.0, **position)
+            yield r.has("sign", 0.0, **torque, **position)
+
+
+def _tell_signs(r: Reading, rows: Rows) -> Told | None:
+    torques, positions = np.array(r.torque_sign) < 0.0, np.array(r.factor) < 0.0
+    if not torques.any() and not positions.any():
+        return None
+    every = not positions.any() and torques[rows.heard].all()
+    axis = "the URDF's axis"
+    groups = [(torques & ~positions, ("tau",), "what the motion needs")]
+    groups += [(positions & ~torques, ("q",), axis)]
+    both = np.flatnonzero(torques & positions)
+    groups += [(np.arange(rows.n) == j, ("q", "tau"), axis) for j in both]
+    parts, codes, columns = [], ["sign tau"] if every else [], []
+    for some, kinds, of_what in groups:
+        names = [name for j in np.flatnonzero(some) for kind in kinds for name in _name(rows, [j], kind)]
+        if not names:
+            continue
+        noun, verb = ("columns ", "have") if len(names) > 1 else ("column ", "has")
+        parts.append(f"{'' if every else noun}{say_columns(names)} {verb} the opposite sign of {of_what}")
+        if not every:
+            codes += [f"sign {' '.join(names)}"] if len(kinds) > 1 else [f"sign {name}" for name in names]
+        columns += names
+    hint = f"; {_SIGN_HINT}" if (torques & ~positions).any() else ""
+    told = f'{", and ".join(parts)}{hint}; write "turned: [{", ".join(columns)}]" in dataset.yaml.'
+    return told, tuple(codes)
+
+
+def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Torques of all joints late or early by one time, or behind a filter of first order."""
+    if r.delay or r.lag:
+        return
+    hope = few.look(r) + _HOPE
+    for field, grid in (("delay", _DELAYS), ("lag", _LAGS)):
+
+        def make(time: float, field: str = field) -> Reading:
+            return r.has("late", FREE + NOTE, **{field: time})
+
+        start = min(grid, key=lambda time: few.look(make(time)))
+        low, high = sorted((0.4 * start, min(2.0 * start, LONGEST)))
+        yield refine(few, make, start, (low, high), hope)
+
+
+def _tell_delays(r: Reading, rows: Rows) -> Told | None:
+    if r.lag and abs(r.lag) >= LATE:
+        return (
+            f"the torques are smoothed over about {1000 * r.lag:.0f} ms, as behind a low-pass filter; record "
+            "them without it, or declare time_delay, which undoes most of it where motions are slow.",
+            ("late tau",),
+        )
+    if abs(r.delay) >= LATE:
+        way = "late" if r.delay > 0.0 else "early"
+        return (
+            f"the torque channels come {1000 * abs(r.delay):.0f} ms {way} against the positions; align the "
+            "channels, or declare time_delay.",
+            ("late tau",),
+        )
+    if not r.delay and not r.lag:
+        return None
+    return (
+        f"torques follow the motion by about {1000 * (r.delay + r.lag):.0f} ms at every joint, as behind "
+        "a filter. A delay that is named at a joint comes from the recorder. Record the torque without a filter.",
+        ("late tau",),
+    )
+
+
+def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """A clock that is wrong by a factor, or rows that run backwards."""
+    if r.clock != 1.0:
+        return
+    yield r.has("clock", 0.0, clock=-1.0)
+
+    def make(octaves: float) -> Reading:
+        return r.has("clock", FREE, clock=float(2.0**octaves))
+
+    start = float(np.log2(min(_CLOCKS, key=lambda one: few.look(make(np.log2(one))))))
+    best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r) + _HOPE)
+    yield _round(few, best, make(start))
+
+
+def say_clock(factor: float) -> Told:
+    """What is said of a clock by true time over the recorded one."""
+    by = max(factor, 1.0 / factor)
+    by = float(round(by)) if abs(by / round(by) - 1.0) < 0.01 else by
+    factor, way = (by, "short") if factor > 1.0 else (1.0 / by, "long")
+    return (
+        f"the clock or the rate is wrong by a factor of {by:.4g}, times are too {way}; write "
+        f'"time_scale: {factor:.6g}" in dataset.yaml',
+        ("clock t",),
+    )
+
+
+def _tell_clocks(r: Reading, rows: Rows) -> Told | None:
+    if r.clock < 0.0:
+        return "the torques fit the motion run backwards; sort the rows by time.", ("backwards t",)
+    return say_clock(r.clock) if r.clock != 1.0 else None
+
+
+def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Positions in degrees or mm, in turns, before a gear, or of another resolution."""
+    rows, hope = few.rows, few.look(r) + _HOPE
+    span = np.ptp(rows.q, axis=0)
+    plain = [j for j in range(rows.n) if abs(r.factor[j]) == 1.0]
+    for slides, unit, least in ((False, DEGREE, 1.0), (True, _MM, 0.5)):
+        some = [j for j in plain if rows.slides[j] == slides and span[j] > least]
+        for group in [some, *([j] for j in some if len(some) > 1)]:
+            if group:
+                yield r.has("unit", 0.0, factor=r.times("factor", group, unit))
+    turning = [j for j in plain if not rows.slides[j]]
+    for group in [turning, *([j] for j in turning if len(turning) > 1 and j in rows.heard)]:
+        if not group:
+            continue
+
+        def make(octaves: float, group: list[int] = group) -> Reading:
+            return r.has("scale", FREE, factor=r.times("factor", group, float(2.0**octaves)))
+
+        tried = _FACTORS if len(group) > 1 or len(turning) == 1 else (0.5, 2.0)
+        start = float(np.log2(min(tried, key=lambda one: few.look(make(np.log2(one))))))
+        best = refine(few, make, start, (start - 0.6, start + 0.6), hope)
+        near = min(_FACTORS, key=lambda one: abs(np.log2(one / max(map(abs, best.factor)))))
+        yield min((best, _round(few, best, make(np.log2(near)))), key=few.look)
+
+
+def _tell_units(r: Reading, rows: Rows) -> Told | None:
+    told, codes = [], []
+    for unit, name, target, slides in ((DEGREE, "degrees", "rad", False), (_MM, "mm", "m", True)):
+        some = [j for j in range(rows.n) if abs(r.factor[j]) == unit]
+        every = len(some) > 1 or rows.slides.tolist().count(slides) == len(some)
+        if some and every:
+            told.append(f"positions look like {name}; convert q to {target}.")
+            codes.append(f"{name} q")
+        elif some:
+            (column,) = _name(rows, some, "q")
+            told.append(f"column '{column}' looks like {name}; convert it to {target}.")
+            codes.append(f"{name} {column}")
+    return (" ".join(told), tuple(codes)) if told else None
+
+
+def _tell_scales(r: Reading, rows: Rows) -> Told | None:
+    at = [j for j in range(rows.n) if abs(r.factor[j]) not in (1.0, DEGREE, _MM)]
+    if not at:
+        return None
+    names, sizes = _name(rows, at, "q"), [f"{abs(r.factor[j]):.5g}" for j in at]
+    pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
+    told = (
+        f"{say_columns(names)} {'fit' if len(at) > 1 else 'fits'} the URDF where multiplied by "
+        f"{', '.join(dict.fromkeys(sizes))}, as turns or angles before a gear do; where the exact factor is "
+        f'known, give that; write "scaled: {{{pairs}}}" in dataset.yaml.'
+    )
+    return told, tuple(f"scale {name}" for name in names)
+
+
+def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Another zero of the position of a joint that turns."""
+    hope = few.look(r) + _HOPE
+    for j in [j for j in _turning(few) if not r.zero[j]]:
+
+        def make(zero: float, j: int = j) -> Reading:
+            return r.has("zero", FREE, zero=r.put("zero", [j], zero))
+
+        grid = 0.5 * _QUARTER * np.array([-3.0, -2.0, -1.0, -0.6, 0.6, 1.0, 2.0, 3.0, 4.0])
+        start = min(grid.tolist(), key=lambda zero: few.look(make(zero)))
+        best = refine(few, make, start, (start - 0.4, start + 0.4), hope)
+        quarter = _QUARTER * round(best.zero[j] / _QUARTER)
+        yield _round(few, best, make(quarter)) if quarter else best
+
+
+def _tell_zeros(r: Reading, rows: Rows) -> Told | None:
+    moved = [j for j in range(rows.n) if r.zero[j]]
+    if not moved:
+        return None
+    names, many = _name(rows, moved, "q"), len(moved) > 1
+    pairs = ", ".join(f"{name}: {r.zero[j]:.4g}" for name, j in zip(names, moved, strict=True))
+    told = (
+        f"{' and '.join(names)} {'count' if many else 'counts'} from another zero than the URDF's "
+        f'{"joints" if many else "joint"}; write "shifted: {{{pairs}}}" in dataset.yaml.'
+    )
+    return told, tuple(f"zero {name}" for name in names)
+
+
+def _propose_exchanges(few: Weighing, r: Reading) -> Iterator[Reading]:
+    """Columns of two joints exchanged, and of the kinds of one."""
+    rows = few.rows
+    for i, j in combinations(range(rows.n), 2):
+        motion, torque = {"motion_of": r.swap("motion_of", i, j)}, {"torque_of": r.swap("torque_of", i, j)}
+        if i in rows.heard and j in rows.heard:
+            yield r.has("exchanged", 0.0, **torque)
+            yield r.has("exchanged", 0.0, **motion, **torque)
+        if i in rows.heard or j in rows.heard:
+            yield r.has("exchanged", 0.0, **motion)
+    for j in rows.heard:
+        if not r.crossed:
+            yield r.has("exchanged", 0.0, crossed=frozenset([j]))
+
+
+def _tell_exchanges(r: Reading, rows: Rows) -> Told | None:
+    moved = {"q": r.motion_of, "tau": r.torque_of}
+    pairs = {kind: [(j, k) for j, k in enumerate(of) if j < k] for kind, of in moved.items()}
+    told, codes = [], []
+    for i, j in dict.fromkeys((*pairs["q"], *pairs["tau"])):
+        kinds = [kind for kind in ("q", "tau") if (i, j) in pairs[kind]]
+        told += [f"'{kind}_{rows.joints[i]}' with '{kind}_{rows.joints[j]}'" for kind in kinds]
+        codes.append(exchange_code(rows.joints, kinds, i, j))
+    sentences = [f"columns look swapped: exchange {' and '.join(told)}."] if told else []
+    for j in sorted(r.crossed):
+        names = [*_name(rows, [j], "q"), *_name(rows, [j], "tau")]
+        sentences.append(f"columns {say_columns(names)} look swapped; exchange them.")
+        codes.append(f"exchanged {' '.join(names)}")
+    return (" ".join(sentences), tuple(codes)) if sentences else None
+
+
+def _is_small(r: Reading) -> bool:
+    return not any(map(is_off, r.size))
+
+
+#: Every trait, in the order in which they are told.
+TRAITS = (
+    Trait(_propose_gravity, _tell_gravity),
+    Trait(_propose_signs, _tell_signs),
+    Trait(_propose_exchanges, _tell_exchanges),
+    Trait(_propose_factors, _tell_units),
+    Trait(lambda few, r: iter(()), _tell_scales),
+    Trait(_propose_zeros, _tell_zeros),
+    Trait(_propose_clocks, _tell_clocks),
+    Trait(_propose_delays, _tell_delays, lambda r: max(abs(r.delay), abs(r.lag)) < LATE),
+    Trait(_propose_sizes, _tell_sizes, _is_small),
+)
+
+
+def tell(reading: Reading, rows: Rows) -> tuple[list[Told], list[Told]]:
+    """What is refused and what is noted of a reading."""
+    refused, noted = [], []
+    for trait in TRAITS:
+        if told := trait.tell(reading, rows):
+            (noted if trait.notes and trait.notes(reading) else refused).append(told)
+    return refused, noted

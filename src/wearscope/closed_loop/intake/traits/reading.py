@@ -1,0 +1,86 @@
+"""A reading: what the columns of a recording hold, made from what they are said to hold."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the columns hold; tuples are over the joints.
+
+    Attributes
+    ----------
+    torque_sign, factor : tuple of float
+        By which a torque column, and a position, is multiplied.
+    zero : tuple of float
+        Added to a position after that [rad].
+    size : tuple of float
+        Torque over what the body needs.
+    motion_of, torque_of : tuple of int
+        Joint whose position, and torque, stands in a joint's columns.
+    crossed : frozenset of int
+        Joints whose position and torque columns are exchanged.
+    gravity : tuple of float or None
+        Along which it acts in the base frame in place of the stated one [m/s^2].
+    without : str
+        Whose gravity is not in the torque: ``robot``, ``all``, or that of none.
+    delay, lag : float
+        Of the torques behind the positions, and time constant of a filter that they passed [s].
+    clock : float
+        True time over the recorded one; negative where the rows run backwards.
+    traits : tuple of str
+        Names of the hypotheses that differ from what is stated.
+    nats : float
+        Odds against them all.
+    """
+
+    torque_sign: tuple[float, ...]
+    factor: tuple[float, ...]
+    zero: tuple[float, ...]
+    size: tuple[float, ...]
+    motion_of: tuple[int, ...]
+    torque_of: tuple[int, ...]
+    crossed: frozenset[int] = frozenset()
+    gravity: tuple[float, ...] | None = None
+    without: str = ""
+    delay: float = 0.0
+    lag: float = 0.0
+    clock: float = 1.0
+    traits: tuple[str, ...] = ()
+    nats: float = 0.0
+
+    @classmethod
+    def stated(cls, n: int) -> "Reading":
+        """Of columns that are what they are said to be, of n joints."""
+        one, each = (1.0,) * n, tuple(range(n))
+        return cls(one, one, (0.0,) * n, one, each, each)
+
+    def has(self, trait: str, nats: float, **changes: object) -> "Reading":
+        """The same with a trait more."""
+        names = dict.fromkeys((*self.traits, trait))
+        return replace(self, traits=tuple(names), nats=self.nats + nats, **changes)
+
+    def put(self, field: str, joints: list[int], value: float) -> tuple[float, ...]:
+        """A field's values with another one at some joints."""
+        return tuple(value if k in joints else x for k, x in enumerate(getattr(self, field)))
+
+    def times(self, field: str, joints: list[int], by: float) -> tuple[float, ...]:
+        """A field's values multiplied at some joints."""
+        return tuple(x * by if k in joints else x for k, x in enumerate(getattr(self, field)))
+
+    def swap(self, field: str, i: int, j: int) -> tuple[int, ...]:
+        """A field's values with those of two joints exchanged."""
+        own = list(getattr(self, field))
+        own[i], own[j] = own[j], own[i]
+        return tuple(own)
+
+    @property
+    def moves(self) -> tuple:
+        """What of it changes the motion, or the body's torque."""
+        return self.motion_of, self.factor, self.zero, self.clock, self.gravity, self.without, self.crossed
+
+    @property
+    def joint_of(self) -> np.ndarray:
+        """Joint (n,) that each torque column is of."""
+        return np.argsort(self.torque_of)

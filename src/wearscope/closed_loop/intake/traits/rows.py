@@ -1,0 +1,197 @@
+"""Rows of the runs as stated: what readings of the columns are weighed on."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import interpolate
+
+from wearscope.closed_loop.intake.filtering import differentiate, low_pass
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
+from wearscope.closed_loop.intake.traits.reading import Reading
+
+#: Most rows of all runs; fewest of a joint that say something.
+MOST_ROWS, LEAST_ROWS = 3000, 30
+#: Time to the ends of a recording [s] in which nothing is asked, since a torque may be late by as much.
+LONGEST = 0.3
+#: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
+#: explains most of it; share of its reach below which a joint rests in a run.
+_QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
+#: Neighbouring rows that are one block of what is left.
+_BLOCK = 8
+_MOTION = ("q", "v", "a", "sign", "jerk", "snap")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of some runs; arrays are (N, n).
+
+    Attributes
+    ----------
+    prepared : Prepared
+    q, v, a, jerk, snap : ndarray
+        Position and its derivatives at the common bandwidth.
+    sign : ndarray
+        Direction of motion.
+    tau : ndarray
+    counts : ndarray of bool
+        Rows that count for a torque column.
+    run, t : ndarray (N,)
+        Number of the row's run, and its time in it [s].
+    """
+
+    prepared: Prepared
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    jerk: np.ndarray
+    snap: np.ndarray
+    sign: np.ndarray
+    tau: np.ndarray
+    counts: np.ndarray
+    run: np.ndarray
+    t: np.ndarray
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> "Rows":
+        """Rows of all runs of a data set, those of idle drives not counted."""
+        reach = np.max([np.ptp(run.signals.q, axis=0) for run in prepared.runs], axis=0)
+        usual = np.median([_spread(run) for run in prepared.runs], axis=0)
+        parts: list[dict[str, Any]] = []
+        for k, run in enumerate(prepared.runs):
+            own = _take(run, len(prepared.runs))
+            travels = prepared.moving & (np.ptp(run.signals.q, axis=0) > _RESTS * reach)
+            own["counts"] = own["counts"] & travels
+            for j in np.flatnonzero(prepared.moving & (_spread(run) <= _QUIET * usual)).tolist():
+                if np.ptp(run.signals.q[:, j]) > 0.0 and not _is_driven(run, own, j):
+                    prepared.notes.append(
+                        f"{run.label}: tau_{prepared.dataset.joints[j]} hardly varies, as of a joint that is "
+                        "not driven; no reading of the columns is weighed on it."
+                    )
+                    own["counts"][:, j] = False
+            parts.append({**own, "run": np.full(len(own["t"]), k)})
+        whole = cls(prepared, **{name: np.concatenate([one[name] for one in parts]) for name in parts[0]})
+        starts, ends = (np.array([run.t[k] for run in prepared.runs])[whole.run] for k in (0, -1))
+        inside = np.minimum(whole.t - starts, ends - whole.t) > LONGEST
+        least = np.minimum(4 * LEAST_ROWS, whole.counts.sum(axis=0))
+        return whole.pick(inside) if np.all(whole.counts[inside].sum(axis=0) >= least) else whole
+
+    def pick(self, at: np.ndarray) -> "Rows":
+        """Some of the rows."""
+        names = (*_MOTION, "tau", "counts", "run", "t")
+        return replace(self, **{name: getattr(self, name)[at] for name in names})
+
+    def thin(self, most: int) -> "Rows":
+        """Rows enough for a first look."""
+        return self.pick(np.arange(0, len(self.q), max(1, len(self.q) // most)))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    @cached_property
+    def slides(self) -> np.ndarray:
+        """Joints (n,) that are prismatic: bool."""
+        return np.array([unit == "m" for unit in self.prepared.dataset.position_unit])
+
+    @property
+    def joints(self) -> list[str]:
+        """Their names."""
+        return self.prepared.dataset.joints
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Spread (n,) of the torques in the rows that count; 0 where there are few or it is constant."""
+        some = [self.tau[at, j] for j, at in enumerate(self.counts.T)]
+        return np.array([y.std() if len(y) >= LEAST_ROWS and np.ptp(y) > 0.0 else 0.0 for y in some])
+
+    @cached_property
+    def heard(self) -> list[int]:
+        """Torque columns that say something."""
+        return [int(j) for j in np.flatnonzero(self.scale)]
+
+    @cached_property
+    def fold(self) -> np.ndarray:
+        """Fold (N,) of each row: runs in turn, or fifths where there are fewer than three."""
+        runs = np.unique(self.run, return_inverse=True)[1]
+        return runs % 5 if runs.max(initial=0) > 1 else np.arange(len(self.q)) * 5 // max(len(self.q), 1)
+
+    @cached_property
+    def block(self) -> np.ndarray:
+        """Block (N,) of each row."""
+        cut = (np.diff(self.run) != 0) | (np.arange(1, len(self.run)) % _BLOCK == 0)
+        return np.append(0, np.cumsum(cut))
+
+    @cached_property
+    def _splines(self) -> list[interpolate.CubicSpline]:
+        return [interpolate.CubicSpline(run.t, run.measured) for run in self.prepared.runs]
+
+    def torque(self, reading: Reading) -> np.ndarray:
+        """Torque columns (N, n) as a reading has them: so much later, before a filter of first order."""
+        out, lag = self.tau.copy(), reading.lag
+        for k in np.unique(self.run).tolist() if reading.delay or lag else ():
+            at, spline = self.run == k, self._splines[k]
+            t = np.clip(self.t[at] + reading.delay, spline.x[0], spline.x[-1])
+            out[at] = spline(t) + (lag * spline(t, 1) if lag else 0.0)
+        crossed = sorted(reading.crossed)
+        out[:, crossed] = self.q[:, crossed]
+        return out * np.array(reading.torque_sign)[reading.joint_of]
+
+    def motion(self, reading: Reading) -> "Rows":
+        """Rows as a reading has the motion."""
+        order, factor = list(reading.motion_of), np.array(reading.factor)
+        own = {name: getattr(self, name)[:, order] for name in _MOTION}
+        for j in reading.crossed:
+            for name, x in zip(_MOTION, self._torque_as_motion(j), strict=True):
+                own[name][:, j] = x
+        powers = {"v": 1, "a": 2, "jerk": 3, "snap": 4}
+        own |= {name: own[name] * factor / reading.clock**k for name, k in powers.items()}
+        sign = own["sign"] * np.sign(factor) * np.sign(reading.clock)
+        return replace(self, **own | {"q": own["q"] * factor + reading.zero, "sign": sign})
+
+    def _torque_as_motion(self, j: int) -> list[np.ndarray]:
+        """Position, its derivatives and direction (N,) of a joint that its torque column holds."""
+        found = np.zeros((len(_MOTION), len(self.q)))
+        for k in np.unique(self.run).tolist():
+            run, at = self.prepared.runs[k], self.run == k
+            parts = [low_pass(run.tau[:, [j]], run.band.torque, run.band.rate)]
+            for _ in range(2):
+                parts.append(differentiate(parts[-1], run.band.rate))
+            rows = np.column_stack([run.reduce(x)[:, 0] for x in (*parts, np.sign(parts[1]))])
+            found[:4, at] = interpolate.interp1d(run.t, rows, axis=0)(self.t[at]).T
+        return list(found)
+
+
+def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
+    """Some rows of a run as stated."""
+    signals, most = run.signals, max(MOST_ROWS // runs, 3 * LEAST_ROWS)
+    at = slice(None, None, max(1, len(run.t) // most))
+    motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
+    own = {name: run.reduce(x)[at] for name, x in motion.items()}
+    line = interpolate.CubicSpline(run.t, run.reduce(signals.a))
+    own |= {"jerk": line(run.t[at], 1), "snap": line(run.t[at], 2)}
+    return own | {"tau": run.measured[at], "counts": run.keep[at], "t": run.t[at]}
+
+
+def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:
+    """Whether the motion explains most of a torque that hardly varies."""
+    body = run.signals.rigid_body.inverse_dynamics(own["q"], own["v"], own["a"])
+    at = own["counts"][:, j]
+    if at.sum() < LEAST_ROWS:
+        return False
+    columns = [body[at, j], own["a"][at, j], own["sign"][at, j], own["v"][at, j], np.ones(at.sum())]
+    return bool(leave(own["tau"][at, j], columns).var() < _MOST * own["tau"][at, j].var())
+
+
+def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
+    """What columns (N,) do not explain of a signal (N,)."""
+    x = np.column_stack(columns)
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
+
+
+def _spread(run: PreparedRun) -> np.ndarray:
+    """Spread (n,) of the torques in the rows of a run that count."""
+    some = zip(run.measured.T, run.keep.T, strict=True)
+    return np.array([y[at].std() if at.any() else 0.0 for y, at in some])

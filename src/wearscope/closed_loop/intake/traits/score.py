@@ -1,0 +1,328 @@
+"""How a reading and the best machine with it explain the torques, and how much better than another pair.
+
+    ln BF = sum_j nu_j / 2 * ln((L_j + f) / (L'_j + f)) - (cost' - cost)
+
+- L_j: held-out loss of a torque column, a share of its variance; always of the same columns.
+- f: form error, what a coarse dictionary leaves of any machine.
+- nu_j: rows over the design effect of the direction in which the two models differ, and no more than `ROWS`.
+- cost: half the squares of the coefficients in units of their prior's standard deviation, ln(nu) / 2 a free
+  coefficient, the logarithm of the alternatives, and the odds against the reading's traits.
+
+It is the form of `inference.score`, on a dictionary that is small enough for many readings.
+"""
+
+from collections.abc import Iterable
+from functools import cached_property
+
+import numpy as np
+
+from wearscope.closed_loop.intake.traits.dictionary import (
+    DRIVE,
+    FREE,
+    OWN,
+    ROTOR,
+    Columns,
+    make_columns,
+    scale_columns,
+)
+from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.closed_loop.intake.traits.rows import Rows
+
+#: Form error, a share of a torque's variance; most independent rows; nats that a term must gain.
+FORM, ROWS, GAINS = 0.005, 100.0, 0.5
+#: Blocks that are joined, and fewest sums of them, for the memory of what is left.
+_JOINED, _FEWEST = (1, 2, 4, 8), 8
+#: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
+_TURNS, _MOVES, _TRIED = 3, 12, 3
+
+_EPS = 100.0 * np.finfo(float).eps
+
+Term = tuple[str, int]
+
+
+class Fit:
+    """Products of a reading's columns, and fits of machines to them.
+
+    Parameters
+    ----------
+    rows : Rows
+    reading : Reading
+    columns : Columns
+    """
+
+    def __init__(self, rows: Rows, reading: Reading, columns: Columns) -> None:
+        self.rows, self.reading, self.columns = rows, reading, columns
+        heard, joint = rows.heard, reading.joint_of
+        self.joint = joint[heard]
+        tau = rows.torque(reading)
+        shared, own = columns.shared.shape[2], len(OWN)
+        most = max((columns.known[:, j].std() for j in self.joint), default=0.0)
+        self.x, self.y, self.body = [], [], []
+        for c, j in zip(heard, self.joint.tolist(), strict=True):
+            at, size = rows.counts[:, c, None], reading.size[j]
+            scale = float(tau[at[:, 0], c].std()) if c in reading.crossed else rows.scale[c]
+            x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, ROTOR * most / scale)]
+            body = columns.known[:, j, None] * size / scale * at
+            self.body.append(body[:, 0])
+            self.x.append(np.concatenate(x, axis=1) * at)
+            self.y.append((tau[:, c, None] / scale * at - body)[:, 0])
+        self.count = np.maximum(rows.counts[:, heard].sum(axis=0), 1)
+        self.shared, self.soft, n = shared, columns.links + 4, len(heard)
+        for s in range(self.soft, shared):  # as large as it is where it is felt most
+            rms = max(np.sqrt(x[:, s] @ x[:, s] / m) for x, m in zip(self.x, self.count, strict=True))
+            for x in self.x:
+                x[:, s] /= rms + 1e-300
+        self.index = [np.r_[np.arange(shared), shared + k * own + np.arange(own)] for k in range(n)]
+        self.size = shared + n * own
+        self.signed = np.r_[np.zeros(shared, bool), np.tile(~np.isin(OWN, FREE), n)]
+        self.always = np.r_[np.arange(shared) < columns.links, np.tile(np.arange(own) < DRIVE, n)]
+
+    @cached_property
+    def groups(self) -> dict[Term, np.ndarray]:
+        """Coefficients of each term that a machine may have."""
+        names = np.array(OWN)
+        out: dict[Term, np.ndarray] = {("payload", -1): np.arange(self.columns.links, self.soft)}
+        for k, j in enumerate(self.joint.tolist()):
+            if self.soft < self.shared:
+                out["soft gear", j] = np.array([self.soft + k])
+            for name in dict.fromkeys(OWN[DRIVE:]):
+                if name != "balancer" or not self.rows.slides[j]:
+                    out[name, j] = self.shared + k * len(OWN) + np.flatnonzero(names == name)
+        return out
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        """Products (K, k + 1, k + 1) of each torque's columns and itself, over its rows."""
+        return np.stack([self._multiply(k, slice(None)) for k in range(len(self.x))])
+
+    def _multiply(self, k: int, at: slice | np.ndarray) -> np.ndarray:
+        z = np.column_stack([self.x[k][at], self.y[k][at]])
+        return np.asarray(z.T @ z / self.count[k])
+
+    @cached_property
+    def folds(self) -> list[np.ndarray]:
+        """The same of each fold."""
+        every = [self.rows.fold == fold for fold in np.unique(self.rows.fold)]
+        return [np.stack([self._multiply(k, at) for k in range(len(self.x))]) for at in every]
+
+    def normal(self, grams: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and right side of all coefficients, priors of one in it."""
+        a, b = np.eye(self.size), np.zeros(self.size)
+        for gram, w, at in zip(grams, weight, self.index, strict=True):
+            a[at[:, None], at] += w * gram[:-1, :-1]
+            b[at] += w * gram[:-1, -1]
+        return a, b
+
+    def solve(self, grams: np.ndarray, weight: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Coefficients, those of friction and inertia not negative; what is shared is taken out first."""
+        shared, own, n = self.shared, len(OWN), len(weight)
+        w, x = grams * weight[:, None, None], np.zeros(self.size)
+        at, on = np.flatnonzero(active[:shared]), np.flatnonzero(active[shared:])
+        both = w[:, at, shared:-1].transpose(1, 0, 2).reshape(len(at), n * own)[:, on]
+        whole = np.eye(len(at)) + w[:, at[:, None], at].sum(axis=0)
+        taken = np.linalg.solve(whole, np.column_stack([both, w[:, at, -1].sum(axis=0)]))
+        drives = np.zeros((n, own, n, own))
+        drives[range(n), :, range(n)] = w[:, shared:-1, shared:-1]
+        a = drives.reshape(n * own, n * own)[on[:, None], on] + np.eye(len(on)) - both.T @ taken[:, :-1]
+        b = w[:, shared:-1, -1].ravel()[on] - both.T @ taken[:, -1]
+        signed, used, found = self.signed[shared:][on], np.ones(len(on), bool), np.zeros(len(on))
+        while True:
+            k = np.flatnonzero(used)
+            found[:] = 0.0
+            found[k] = np.linalg.solve(a[k[:, None], k], b[k])
+            bad = signed & (found < 0.0)
+            if not bad.any():
+                break
+            used &= ~bad
+        x[at], x[shared + on] = taken[:, -1] - taken[:, :-1] @ found, found
+        return x
+
+    def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
+        """What coefficients leave of each torque, shares of its variance."""
+        z = [np.append(x[at], -1.0) for at in self.index]
+        # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
+        least = [_EPS * float(np.abs(one) @ np.abs(gram) @ np.abs(one)) for one, gram in zip(z, grams, strict=True)]
+        left = [float(one @ gram @ one) for one, gram in zip(z, grams, strict=True)]
+        return np.maximum(left, least)
+
+    def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients, what they leave, and the weights that this gives the torques."""
+        loss = np.full(len(self.x), 0.05)
+        for _ in range(turns):
+            weight = ROWS / (np.minimum(loss, 1.0) + FORM)
+            x = self.solve(self.total, weight, active)
+            loss = self.losses(x, self.total)
+        return x, loss, ROWS / (np.minimum(loss, 1.0) + FORM)
+
+    def look(self) -> float:
+        """Nats against a reading at a first look, all terms in, each held by its prior."""
+        x, loss, _ = self.settle(np.ones(self.size, bool), 2)
+        return float(ROWS / 2 * np.log(loss + FORM).sum() + 0.5 * x @ x) + self.reading.nats
+
+    def leave_plain(self) -> np.ndarray:
+        """What links and drives leave (K,), friction by load and speed among them."""
+        plain = np.tile(~np.isin(OWN, FREE[1:]), len(self.x))
+        return self.settle(np.r_[self.always[: self.shared], plain])[1]
+
+    def size_alone(self, k: int) -> float:
+        """Torque over what the body needs of the k-th torque by itself, next to a drive."""
+        x = np.column_stack([self.body[k], self.x[k][:, self.shared : self.shared + DRIVE]])
+        return float(np.linalg.lstsq(x, self.y[k] + self.body[k], rcond=None)[0][0])
+
+    def model(self, terms: Iterable[Term]) -> "Model":
+        """A machine with terms, fitted."""
+        terms, active = frozenset(terms), self.always.copy()
+        for term in terms:
+            active[self.groups[term]] = True
+        x, loss, weight = self.settle(active)
+        held = sum(self.losses(self.solve(self.total - g, weight, active), g) for g in self.folds)
+        return Model(self, terms, x, loss, np.asarray(held))
+
+    def climb(self) -> "Model":
+        """The best machine: terms added, dropped and exchanged until nothing gains."""
+        now = self.model(())
+        for _ in range(_MOVES):
+            tried = [now.terms | {one} for one in now.list_hopes()[:_TRIED]]
+            tried += [now.terms - {one} for one in now.terms]
+            best = now.improve(tried)
+            if best is now:
+                near = ((t, u) for t in now.terms for u in self.groups if u not in now.terms)
+                near = ((t, u) for t, u in near if t[1] == u[1] or "payload" in (t[0], u[0]))
+                best = now.improve([now.terms - {t} | {u} for t, u in near])
+            if best is now:
+                break
+            now = best
+        return now
+
+
+class Model:
+    """A reading with a machine.
+
+    Attributes
+    ----------
+    fit : Fit
+    terms : frozenset of (str, int)
+    x : ndarray
+        Coefficients.
+    left, held : ndarray (K,)
+        Share of each torque's variance that is left, of all rows and of rows that are held out.
+    """
+
+    def __init__(
+        self, fit: Fit, terms: frozenset[Term], x: np.ndarray, left: np.ndarray, held: np.ndarray
+    ) -> None:
+        self.fit, self.terms, self.x, self.left, self.held = fit, terms, x, left, held
+        free = sum(len(fit.groups[term]) for term in terms)
+        alternatives = len(terms) * np.log(max(len(fit.groups), 1))
+        self.cost = 0.5 * free * np.log(ROWS) + alternatives + 0.5 * float(x @ x) + fit.reading.nats
+
+    @property
+    def reading(self) -> Reading:
+        """What the columns are."""
+        return self.fit.reading
+
+    @property
+    def need(self) -> float:
+        """Nats that any other reading can gain at most."""
+        return float(ROWS / 2 * np.log(self.held / FORM + 1.0).sum()) + self.cost - self.reading.nats
+
+    def own(self, k: int) -> np.ndarray:
+        """Coefficients (len(OWN),) of the k-th torque's own columns."""
+        start = self.fit.shared + k * len(OWN)
+        return self.x[start : start + len(OWN)]
+
+    def find_by_run(self, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (R, m) of some columns if each run had its own, and their standard deviations."""
+        fit, number = self.fit, np.unique(self.fit.rows.run, return_inverse=True)[1]
+        rest = np.setdiff1d(np.flatnonzero(self.x), some)
+        own = number[:, None] == np.arange(number.max() + 1)
+        count = len(rest) + own.shape[1] * len(some)
+        a, b = np.eye(count), np.zeros(count)
+        weight = ROWS / (np.minimum(self.held, 1.0) + FORM) / fit.count
+        for x, y, w, at in zip(fit.x, fit.y, weight, fit.index, strict=True):
+            whole = np.zeros((len(x), fit.size))
+            whole[:, at] = x
+            split = (own[:, :, None] * whole[:, None, some]).reshape(len(x), -1)
+            z = np.column_stack([whole[:, rest], split])
+            a += w * z.T @ z
+            b += w * z.T @ y
+        inverse = np.linalg.inv(a)
+        at = slice(len(rest), None)
+        shape = own.shape[1], len(some)
+        return (inverse @ b)[at].reshape(shape), np.sqrt(np.diag(inverse)[at]).reshape(shape)
+
+    def leave(self, k: int) -> np.ndarray:
+        """What is left (N,) of the k-th torque, over its spread."""
+        return np.asarray(self.fit.y[k] - self.fit.x[k] @ self.x[self.fit.index[k]])
+
+    def over(self, other: "Model") -> float:
+        """Ln BF of this model over another."""
+        total = other.cost - self.cost
+        for k in range(len(self.held)):
+            a, b = other.leave(k), self.leave(k)
+            product = (a - b) * (b if self.held[k] < other.held[k] else a)
+            effect = self._find_design_effect(product)
+            rows = 1.0 / (effect / self.fit.count[k] + 1.0 / ROWS)
+            total += rows / 2 * float(np.log((other.held[k] + FORM) / (self.held[k] + FORM)))
+        return total
+
+    def _find_design_effect(self, product: np.ndarray) -> float:
+        """Variance of a mean of rows (N,) over that of independent ones, the largest by joined blocks."""
+        single, sums, worst = float(product @ product), np.bincount(self.fit.rows.block, product), 1.0
+        for count in _JOINED if single > 0.0 else ():
+            own = np.add.reduceat(sums, np.arange(0, len(sums), count))
+            if len(own) >= _FEWEST:
+                worst = max(worst, float(own @ own) / single)
+        return worst
+
+    def list_hopes(self) -> list[Term]:
+        """Terms that may pay, by what each would gain of the rows fitted with the others fitted again."""
+        fit, found = self.fit, []
+        a, b = fit.normal(fit.total, ROWS / (np.minimum(self.held, 1.0) + FORM))
+        on = np.flatnonzero(self.x != 0.0)
+        inverse = np.linalg.inv(a[on[:, None], on])
+        for term, at in fit.groups.items():
+            if term not in self.terms:
+                cross = a[on[:, None], at]
+                left = b[at] - cross.T @ (inverse @ b[on])
+                left = np.where(fit.signed[at], np.maximum(left, 0.0), left)
+                own = a[at[:, None], at] - cross.T @ inverse @ cross
+                gain = 0.5 * float(left @ np.linalg.solve(own, left)) - 0.5 * len(at) * np.log(ROWS)
+                found.append((gain, term))
+        return [term for gain, term in sorted(found, reverse=True) if gain > 0.0]
+
+    def improve(self, tried: Iterable[frozenset[Term]]) -> "Model":
+        """The best of machines with other terms; this one where none gains."""
+        models = [self.fit.model(terms) for terms in tried]
+        best = max(models, key=lambda one: one.over(self), default=self)
+        return best if best is not self and best.over(self) > GAINS else self
+
+
+class Weighing:
+    """Models of readings of some rows, each made once.
+
+    Parameters
+    ----------
+    rows : Rows
+    coarse : bool
+        Without soft gears.
+    """
+
+    def __init__(self, rows: Rows, coarse: bool = False) -> None:
+        self.rows, self.coarse = rows, coarse
+        self._columns: dict[tuple, Columns] = {}
+        self._looks: dict[Reading, float] = {}
+
+    def fit(self, reading: Reading) -> Fit:
+        """Fit of a reading; what only torques differ in shares its columns."""
+        if reading.moves not in self._columns:
+            if len(self._columns) > 64:
+                self._columns.pop(next(iter(self._columns)))
+            self._columns[reading.moves] = make_columns(self.rows, reading, self.coarse)
+        return Fit(self.rows, reading, self._columns[reading.moves])
+
+    def look(self, reading: Reading) -> float:
+        """First look at a reading."""
+        if reading not in self._looks:
+            self._looks[reading] = self.fit(reading).look()
+        return self._looks[reading]

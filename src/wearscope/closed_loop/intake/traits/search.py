@@ -1,0 +1,112 @@
+"""Which reading of the columns is best: traits added one by one, each with the best machine for it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from wearscope.closed_loop.intake.traits.hypotheses import NOTE, TRAITS, Trait, tell
+from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.closed_loop.intake.traits.rows import Rows
+from wearscope.closed_loop.intake.traits.score import Model, Weighing
+
+#: Odds against a trait: 100 to 1. Nats beyond them that a refusal needs.
+ODDS, REFUSE = float(np.log(100.0)), 10.0
+#: Rows of a first look; readings that are weighed with all rows, and from which further traits are sought.
+_FEW, _BEAM, _FRONT = 160, 4, 2
+#: Rounds of further traits; share of a torque's variance that is much.
+_ROUNDS, _MUCH = 2, 0.1
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the columns were weighed to be.
+
+    Attributes
+    ----------
+    stated : Model
+        The stated reading with the best machine.
+    best : Model
+        The best reading; the stated one where none is better by `NOTE`.
+    ties : list of Model
+        Readings that are told neither from the best one nor by fewer traits.
+    """
+
+    stated: Model
+    best: Model
+    ties: list[Model]
+
+
+def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
+    """Weigh readings of the columns.
+
+    Parameters
+    ----------
+    rows : Rows
+    accepted : frozenset of str
+        Codes of traits that are not asked for.
+    """
+    whole, few = Weighing(rows), Weighing(rows.thin(_FEW), coarse=True)
+    stated = whole.fit(Reading.stated(rows.n)).climb()
+    if not rows.heard:
+        return Weighed(stated, stated, [])
+    best, pool = stated, list[Model]()
+    front = [stated.reading]
+    for _ in range(1 + _ROUNDS):
+        traits = TRAITS if best.need > ODDS + REFUSE else [one for one in TRAITS if one.notes]
+        found = [
+            one for start in front for trait in traits for one in _list_readings(few, trait, start, accepted)
+        ]
+        ranked = sorted(dict.fromkeys(found), key=few.look)[:_BEAM]
+        models = [whole.fit(one).climb() for one in ranked]
+        pool += models
+        further = max(models, key=lambda one: one.over(best), default=best)
+        if further.over(best) > (0.0 if best is stated else NOTE):
+            best = further
+        elif best is not stated:
+            break
+        # Of two traits neither need be the better one alone: where much is left, the likeliest are followed.
+        front = ranked[:_FRONT] if best is stated else [best.reading]
+        if best.need < 2.0 * (ODDS + REFUSE) or (best is stated and stated.held.max() < _MUCH):
+            break
+    ties = [
+        one
+        for one in pool
+        if one is not best and len(one.reading.traits) == len(best.reading.traits) and best.over(one) < NOTE
+    ]
+    return Weighed(stated, best, ties if best is not stated else [])
+
+
+def _list_readings(
+    few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str]
+) -> Iterator[Reading]:
+    """Readings with one trait more, and with as much of it as pays at a first look."""
+    one: Reading | None = start
+    while one is not None:
+        before = few.look(one)
+        some = _propose(few, trait, one, accepted)
+        yield from some if one is start else ()
+        one = min(some, key=few.look, default=None)
+        if one is None or few.look(one) > before - NOTE:
+            return
+        yield one
+
+
+def _propose(few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str]) -> list[Reading]:
+    """Readings with a trait, or more of it, and the odds against them."""
+    every = list(trait.propose(few, start))
+    taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
+    # What is noted has odds of its own.
+    nats = ODDS + float(np.log(max(len(every), 1)))
+    return [one if trait.notes and trait.notes(one) else one.has(one.traits[-1], nats) for one in taken]
+
+
+def _list_codes(reading: Reading, rows: Rows) -> list[str]:
+    refused, noted = tell(reading, rows)
+    return [code for _, codes in (*refused, *noted) for code in codes]
+
+
+def look_at(rows: Rows, reading: Reading) -> float:
+    """Nats for a reading over the stated one at a first look."""
+    few = Weighing(rows.thin(_FEW), coarse=True)
+    return few.look(Reading.stated(rows.n)) - few.look(reading)
