@@ -3,8 +3,8 @@
 python -m benchmarks.columns [--part right|wrong] [--first 0] [--cases 40] [--seed 0] [--out DIR]
 
 Planted machines of both generators are checked as they are: each refusal is without cause. Then each fault of
-a column, and some pairs of faults, are made in the recordings of some of them, and what intake says is compared
-with what was done.
+a column, and some pairs of faults, are made in the recordings of some of them, and what intake says is
+compared with what was done.
 """
 
 import argparse
@@ -311,7 +311,7 @@ PAIRS = (
 
 
 def list_faults(wanted):
-    """Single faults and pairs by their names, each as changes and the words for each of which one must tell."""
+    """Single faults and pairs by their names, each as changes and the words of which one must tell it."""
     names = [*((name,) for name in FAULTS), *PAIRS]
     found = {" and ".join(pair): [FAULTS[name] for name in pair] for pair in names}
     return {name: parts for name, parts in found.items() if not wanted or name in wanted}

@@ -494,5 +494,7 @@ def test_a_real_machine_with_positions_of_another_scale_is_told(tmp_path, factor
         return table.assign(**{name: factor * table[name] for name in moved})
 
     change_runs(folder, scale)
-    told = re.search(r"positions (\S+) times as large fit better", " ".join(check(folder).notes))
+    with pytest.raises(InputError, match="fit the URDF where multiplied by") as caught:
+        check(folder)
+    told = re.search(r"multiplied by (\S+), as turns", str(caught.value))
     assert told is not None and float(told[1]) == pytest.approx(1.0 / factor, rel=0.05)

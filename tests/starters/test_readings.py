@@ -65,7 +65,6 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
 
 @pytest.mark.parametrize("n", [3, slow(4)])
 def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_it(tmp_path, n):
-    """Links of no weight would fit as well: the sentence says both."""
     bench = Bench(tmp_path, n, 2.0, size=0.5)
     bench.frequencies = (0.05, 0.11, 0.19)
     bench.record(
@@ -76,7 +75,7 @@ def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_i
             + rng.normal(0, 0.5, q.shape)
         )
     )
-    assert "the torque has no gravity in it, or masses are far too large" in bench.refuse()
+    assert "the torque has no gravity in it" in bench.refuse()
     bench.accept("--reading", "without_gravity")
 
 
@@ -186,9 +185,6 @@ def test_torques_without_their_sign_are_told_so(tmp_path, n, mass, friction):
     names = [f"'tau_j{k + 1}'" for k in range(n)]
     said = f"{', '.join(names[:-1])} and {names[-1]} are" if n > 1 else "'tau_j1' is"
     assert f"{said} never negative, as " in bench.refuse()
-    if n == 2:
-        bench.accept("--accept", "unsigned tau", "--accept", "sign q_j1", "--accept", "sign q_j2",
-                     "--accept", "unrelated tau")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -321,16 +317,15 @@ def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_pa
     said = bench.refuse("--position-unit", "rad")
     found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
     assert found == pytest.approx([1.0 / belt] * n, rel=0.02)
-    torques = re.search(r"in addition, 'tau_j1'.* are (.*) times", said)
-    assert torques is not None
-    assert [float(one) for one in torques[1].split(", ")] == pytest.approx([1.0 / belt] * n, rel=0.05)
+    torques = re.search(r"in addition, torques at all joints are (\S+) times", said)
+    assert torques is not None and float(torques[1]) == pytest.approx(1.0 / belt, rel=0.05)
 
 
 @pytest.mark.parametrize(
     ("n", "mass", "factor"),
     [(3, 2.0, 0.5), (4, 10.0, 2.0), slow(4, 0.5, 0.5), (3, 20.0, 1.0), slow(4, 1.0, 1.0)],
 )
-def test_a_scale_of_positions_is_noted_although_a_balancer_is_missing_in_the_model(tmp_path, n, mass, factor):
+def test_a_scale_of_positions_is_told_although_a_balancer_is_missing_in_the_model(tmp_path, n, mass, factor):
     bench, weight = Bench(tmp_path, n, mass, size=0.45, seconds=20.0), mass * 0.3 * 9.81
 
     def torque(q, v, a, rng, t):
@@ -339,9 +334,12 @@ def test_a_scale_of_positions_is_noted_although_a_balancer_is_missing_in_the_mod
         tau[:, 1] += weight * np.sin(5.0 * q[:, 1])
         return tau + rng.normal(0, 0.01 * weight, q.shape)
 
-    notes = bench.record(torque, position=lambda q, k: factor * q).accept("--position-unit", "rad")
-    told = re.search(r"positions (\S+) times as large fit better", " ".join(notes))
-    assert float(told[1] if told else 1.0) == pytest.approx(1.0 / factor, rel=0.05)
+    bench.record(torque, position=lambda q, k: factor * q)
+    if factor == 1.0:
+        assert not any("multiplied by" in note for note in bench.accept("--position-unit", "rad"))
+        return
+    found = re.findall(r"--scale q_j\d=([\d.]+)", bench.refuse("--position-unit", "rad"))
+    assert [float(one) for one in found] == pytest.approx([1.0 / factor] * n, rel=0.05)
 
 
 def test_a_joint_that_a_balancer_carries_is_not_in_degrees(tmp_path):
@@ -364,7 +362,8 @@ def test_a_small_motion_tells_no_factor_of_positions_next_to_another_of_torques(
         ),
         position=lambda q, k: 2.0 * q,
     )
-    assert "as torques of another constant would ask for another" in bench.refuse("--position-unit", "rad")
+    told = " ".join(bench.accept("--position-unit", "rad"))
+    assert "perhaps 'q_j1' fits the URDF where multiplied by" in told or "perhaps 'tau_j1'" in told
 
 
 @pytest.mark.parametrize(("n", "mass", "factor"), [(2, 4.0, 3.7), (1, 0.5, 0.29), slow(3, 20.0, 3.5)])

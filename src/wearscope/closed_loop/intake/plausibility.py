@@ -20,6 +20,8 @@ from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 #: Share of a torque's variance above which a run is doubted; half of it as RMS, beyond which no name can be
 #: judged; beyond which nothing is explained.
 _DOUBTFUL, _UNJUDGED, _HOPELESS = 0.1, 0.25, 0.8
+#: Share of a torque's variance below which there is no friction in it.
+_NO_FRICTION = 1e-3
 #: Share of what a torque as recorded leaves that it leaves with signs, where it has lost them.
 _FOLDED = 0.5
 #: Turns of the search for a torque's signs; share of a reach that a position goes from one row to the next.
@@ -39,12 +41,15 @@ def check_plausibility(prepared: Prepared) -> None:
     first, rows = len(prepared.notes), Rows.of(prepared)
     left = np.array([_leave(rows.pick(rows.run == k)) for k in range(len(prepared.runs))])
     check_speeds(prepared)
+    if rows.heard:
+        _check_signs(prepared, rows)
+        found = _check_readings(prepared, rows)
+    # A reading of the columns says more than a limit that they pass.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
-    _check_signs(prepared, rows)
-    found = _check_readings(prepared, rows, left)
-    _check_unrelated(prepared, rows, left, found)
-    notes.add_notes(prepared, rows, found)
+    if rows.heard:
+        _check_unrelated(prepared, rows, left, found)
+        notes.add_notes(prepared, rows, found)
     prepared.notes += prepared.dataset.accepted.list_unused()
     prepared.checked = prepared.notes[first:]
 
@@ -57,37 +62,43 @@ def _leave(rows: Rows) -> np.ndarray:
     return left
 
 
-def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighed:
-    """Readings of all runs together, then of those runs that the stated one does not explain."""
-    doubtful = np.flatnonzero(np.nan_to_num(left).max(axis=1) > _DOUBTFUL)
-    worst = doubtful[np.argsort(-np.nansum(left[doubtful], axis=1))][:1]
-    groups = [np.arange(len(prepared.runs))]
-    for group in (doubtful, worst):
-        if len(group) and len(group) < len(groups[-1]):
-            groups.append(group)
+def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
+    """Readings of all runs together, then of the run that the best one explains least."""
     declared = prepared.dataset.fields.declared_effects
     taken: set[str] = {"late tau"} if TIME_DELAY.name in declared else set()
-    first: Weighed | None = None
-    for group in groups:
-        own = whole.pick(np.isin(whole.run, group))
+    found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
+    left = found.best.leave_by_run()
+    doubtful = np.flatnonzero(left > _DOUBTFUL)
+    if len(doubtful) and len(left) > 1:
+        worst = int(np.argmax(left))
+        own = whole.pick(whole.run == np.unique(whole.run)[worst])
+        if own.heard:
+            _refuse(prepared, own, taken, np.unique(whole.run)[np.setdiff1d(doubtful, worst)], whole)
+    return found
+
+
+def _refuse(
+    prepared: Prepared, own: Rows, taken: set[str], others: np.ndarray, whole: Rows | None = None
+) -> Weighed:
+    """Refuse readings that suit some rows and most of the others that are doubted; what is left of them."""
+    found = weigh(own, frozenset(taken))
+    while (told := _tell(found, own)) is not None:
+        taken.update(told[1])
+        if whole is None or _suits(whole, found.best.reading, others):
+            file = "" if whole is None else prepared.runs[int(own.run[0])].file
+            prepared.refuse(str(prepared.dataset.folder / file), told[0], *told[1])
         found = weigh(own, frozenset(taken))
-        while (told := _tell(found, own)) is not None:
-            taken.update(told[1])
-            if _suits(whole, found.best.reading, np.setdiff1d(doubtful, group)):
-                file = prepared.runs[group[0]].file if len(group) < len(prepared.runs) else ""
-                prepared.refuse(str(prepared.dataset.folder / file), *[told[0], *told[1]])
-            found = weigh(own, frozenset(taken))
-        first = first or found
-    assert first is not None
-    return first
+    return found
 
 
 def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     """What is refused and its codes; None where nothing is."""
-    refused = tell(found.best.reading, rows)[0]
+    refused, noted = tell(found.best.reading, rows)
     if not refused or found.best.over(found.stated) < REFUSE:
         return None
-    parts = [told.rstrip(".") for told, _ in refused]
+    parts = [told.rstrip(".") for told, _ in (*refused, *noted)]
+    if max(map(found.best.rub, range(len(found.best.left)))) < _NO_FRICTION:
+        parts = [one.replace("no gravity", "neither gravity nor friction") for one in parts]
     codes = [code for _, some in refused for code in some]
     text = "; in addition, ".join(parts)
     for tie in found.ties:

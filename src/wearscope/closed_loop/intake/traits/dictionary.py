@@ -1,4 +1,4 @@
-"""A coarse dictionary of machines: columns of what a torque may hold besides the stated rigid body.
+"""A coarse dictionary of machines: columns of what a torque may hold next to the stated rigid body.
 
 The links' inertial parameters may differ from the stated ones, at a cost; each joint has a drive. What a
 machine may have in addition (a payload, a spring, a balancer, a soft gear, friction that grows with the load
@@ -16,19 +16,21 @@ from wearscope.closed_loop.intake.traits.rows import Rows
 from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 
 #: Share of a link's own parameters by which they may differ from the stated ones, trusted or approximate;
-#: share of the robot's mass that every link and the last may carry in addition.
-_SLACK = {"trusted": 0.15, "approximate": 0.25}
-_CARRIED, _LOADED = 0.01, 0.05
+#: share of the robot's mass that every link may carry in addition.
+_SLACK, _CARRIED = {"trusted": 0.1, "approximate": 0.2}, 0.005
 #: Share of the robot's mass that a payload may have, and of its reach that it may be away from the joint.
 _PAYLOAD = 0.3
 #: Most that a rotor needs of a torque, over the largest that any joint's body needs.
-ROTOR = 10.0
+_ROTOR = 10.0
+#: Share of a joint's weight that a balancer carries.
+_BALANCED = 0.3
 #: Speeds over which friction falls, over the largest one.
 _FALLS = (0.05, 0.3)
 #: Columns of a joint of its own. The first `DRIVE` are in every model; those of `FREE` may have either sign.
-OWN = ("inertia", "Coulomb", "viscous", "offset", "load", *["falling"] * 2, *["falling load"] * 2)
-OWN = (*OWN, "spring", "balancer", "balancer")
-DRIVE, FREE = 4, ("offset", "spring", "balancer")
+_WAVES = 6
+OWN = ("inertia", "Coulomb", "viscous", "offset", "load", "spring", "balancer", "balancer")
+OWN = (*OWN, *["falling"] * 2, *["falling load"] * 2, *["position"] * (2 * _WAVES))
+DRIVE, FREE = 4, ("offset", "spring", "balancer", "position")
 FRICTION = slice(1, 3)
 #: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
 _ACTS = 1e-9
@@ -46,7 +48,10 @@ class Columns:
         Torque of the stated rigid body and payload.
     shared : ndarray (N, n, S)
         Of what acts on several joints: links, payload, one soft gear a joint that is heard.
-    own : ndarray (N, n, len(OWN))
+    own : ndarray (N, n, D)
+        Those of `OWN`, the last ones missing where they are coarse.
+    weight : ndarray (N, n)
+        Torque of gravity.
     links : int
         Number of the links' columns.
     """
@@ -54,6 +59,7 @@ class Columns:
     known: np.ndarray
     shared: np.ndarray
     own: np.ndarray
+    weight: np.ndarray
     links: int
 
 
@@ -65,7 +71,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     rows : Rows
     reading : Reading
     coarse : bool
-        Without soft gears.
+        Without soft gears, friction that falls with the speed, and waves over the position.
     """
     moved, motors = rows.motion(reading), [] if coarse else rows.heard
     bodies = [_mount(run.signals.rigid_body, reading) for run in rows.prepared.runs]
@@ -74,18 +80,24 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     inertials = rows.prepared.dataset.fields.robot.inertials
     slack = links @ _list_ways(rows.prepared.runs[0].signals.rigid_body, inertials)
     payload = links[:, :, -N_PARAMETERS:][:, :, :4] * scale_payload(body)[0]
+    still = replace(moved, v=0.0 * moved.v, a=0.0 * moved.a)
+    weight = _know(still, bodies)
     if reading.without:
         # A controller takes out the gravity of its own model: that of what it does not know stays.
-        taken = [one.with_payload(None) for one in bodies] if reading.without == "robot" else bodies
-        known = known - _know(replace(moved, v=0.0 * moved.v, a=0.0 * moved.a), taken)
+        bare = reading.without == "robot"
+        known = known - (_know(still, [one.with_payload(None) for one in bodies]) if bare else weight)
     soft = _bend(moved, body, motors)
     top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
     load = moved.sign * np.abs(known)
-    falls = [np.exp(-slow / (share * top)) for share in _FALLS]
-    own = [moved.a, moved.sign, moved.v, np.ones_like(known), load, *(moved.sign * f for f in falls)]
-    own += [*(load * f for f in falls), moved.q, np.sin(moved.q), np.cos(moved.q)]
+    own = [moved.a, moved.sign, moved.v, np.ones_like(known), load, moved.q, np.sin(moved.q), np.cos(moved.q)]
+    if not coarse:
+        falls = [np.exp(-slow / (share * top)) for share in _FALLS]
+        own += [x * f for x in (moved.sign, load) for f in falls]
+        low, high = moved.q.min(axis=0), moved.q.max(axis=0)
+        turn = np.pi * (2.0 * moved.q - low - high) / np.maximum(high - low, 1e-300)
+        own += [f(k * turn) for k in range(1, 1 + _WAVES) for f in (np.sin, np.cos)]
     shared = np.concatenate([slack, payload, soft], axis=2)
-    return Columns(known, shared, np.stack(own, axis=2), slack.shape[2])
+    return Columns(known, shared, np.stack(own, axis=2), weight, slack.shape[2])
 
 
 def _mount(body: RigidBody, reading: Reading) -> RigidBody:
@@ -136,12 +148,23 @@ def scale_payload(body: RigidBody) -> tuple[np.ndarray, float]:
     return _PAYLOAD * mass * np.array([1.0, *[_PAYLOAD * reach] * 3]), reach
 
 
-def scale_columns(columns: Columns, j: int, size: float) -> np.ndarray:
-    """Columns (N, len(OWN)) of joint j over the torque's spread, each as large as it usually is."""
-    x = columns.own[:, j]
-    rms = np.sqrt(np.mean(x**2, axis=0)) + 1e-300
-    largest = np.where(np.array(OWN) == "inertia", size, 1.0)
-    return np.asarray(x / rms * largest)
+def scale_columns(columns: Columns, j: int, scale: float, most: float) -> np.ndarray:
+    """Columns (N, len(OWN)) of joint j over the torque's spread.
+
+    Parameters
+    ----------
+    columns : Columns
+    j : int
+    scale : float
+        The torque's spread.
+    most : float
+        Largest torque that any joint's body needs.
+    """
+    x, weight = columns.own[:, j], columns.weight[:, j]
+    names = np.array(OWN)[: x.shape[1]]
+    size = np.where(names == "inertia", _ROTOR * most / scale, 1.0)
+    size[names == "balancer"] = _BALANCED * float(np.sqrt(np.mean(weight**2))) / scale
+    return np.asarray(x * (size / (np.sqrt(np.mean(x**2, axis=0)) + 1e-300)))
 
 
 @lru_cache(maxsize=64)
@@ -167,9 +190,11 @@ def _list_deviations(body: RigidBody, inertials: str) -> np.ndarray:
     radii = np.linalg.norm(links[:, 1:4], axis=1) / np.maximum(links[:, 0], 1e-300)
     length = max(float(np.median(np.maximum(arms, radii))), 1e-3)
     out = np.empty_like(links)
+    carried = _CARRIED * total
     for k, link in enumerate(links):
-        carried = (_LOADED if k == len(links) - 1 else _CARRIED) * total
+        xx, _, yy, _, _, zz = np.sqrt(np.maximum(link[4:], 0.0))
         out[k, 0] = share * link[0] + carried
         out[k, 1:4] = share * np.linalg.norm(link[1:4]) + carried * length
-        out[k, 4:] = share * np.abs(link[4:]).max() + carried * length**2
+        out[k, 4:] = share * np.array([xx * xx, xx * yy, yy * yy, xx * zz, yy * zz, zz * zz])
+        out[k, 4:] += carried * length**2
     return out.ravel()

@@ -19,8 +19,8 @@ from wearscope.closed_loop.intake.traits.score import ROWS, Weighing
 
 #: Odds against what is noted, in nats: 20 to 1.
 NOTE = 3.0
-#: Nats of a number that is free; within which a known number is taken; up to which a better one is sought.
-FREE, _ALIKE, _HOPE = 0.5 * float(np.log(ROWS)), 1.0, 20.0
+#: Nats of a number that is free; within which a known number is taken.
+FREE, _ALIKE = 0.5 * float(np.log(ROWS)), 1.0
 #: Torque over need that is no error of the model, from and to.
 SMALL, LARGE = 0.25, 4.0
 #: Shortest delay [s] that is refused: the loop names shorter ones.
@@ -106,19 +106,20 @@ def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
         # No place on Earth has the stated one, which is the unlikely one.
         yield r.has("gravity", -_UNEARTHLY, gravity=tuple((9.81 / size * stated).tolist()))
 
-    def point(way: np.ndarray) -> Reading:
+    def point(way: np.ndarray, nats: float = 2.0 * FREE) -> Reading:
         along = size * np.asarray(way) / max(float(np.linalg.norm(way)), 1e-9)
-        return r.has("gravity", 2.0 * FREE, gravity=tuple(along.tolist()))
+        return r.has("gravity", nats, gravity=tuple(along.tolist()))
 
     ways = [way for way in np.vstack([np.eye(3), -np.eye(3)]) if way @ stated < _SAME * size]
     start = min(ways, key=lambda way: few.look(point(way)))
-    if few.look(point(start)) < few.look(r) + _HOPE:
+    yield point(start, 0.0)
+    if few.look(point(start)) < few.look(r):
         found = optimize.minimize(
             lambda way: few.look(point(way)), start + 1e-3, method="Nelder-Mead", options={"maxfev": 40}
         ).x
         found = np.where(np.abs(found) < _LEVEL * np.linalg.norm(found), 0.0, found)
-        start = found if found @ stated < _SAME * size * np.linalg.norm(found) else start
-    yield point(start)
+        if found @ stated < _SAME * size * np.linalg.norm(found):
+            yield point(found)
 
 
 def _tell_gravity(r: Reading, rows: Rows) -> Told | None:
@@ -155,21 +156,24 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
     fit, n = few.fit(r), few.rows.n
     own = {int(j): fit.size_alone(k) for k, j in enumerate(fit.joint)}
     own = {j: float(np.clip(abs(one), 1e-4, 1e4) * np.sign(one or 1.0)) for j, one in own.items()}
-    every, hope = list(own), few.look(r) + _HOPE
+    every, hope = list(own), few.look(r)
     sizes = np.array(list(own.values()))
     middle = float(np.median(np.abs(sizes)))
 
     def resize(octaves: float, some: list[int], sign: float = 1.0) -> Reading:
         # Of all torques alike, links that are all off alike are no rival: it is said so.
-        nats = FREE if len(some) == len(every) > 1 else FREE + NOTE + float(np.log(len(every)))
-        return r.has("size", nats, size=r.put("size", some, sign * float(2.0**octaves)))
+        one = sign * float(2.0**octaves)
+        alike = is_off(one) or len(some) == len(every) > 1
+        nats = FREE if alike else FREE + NOTE + float(np.log(len(every)))
+        return r.has("size", nats, size=r.put("size", some, one))
 
     for some, one in [(every, middle), *(([j], own[j]) for j in every if len(every) > 1)]:
         if one > 0.0 or abs(one) > LARGE or abs(one) < SMALL:
             centre, sign = float(np.log2(abs(one))), float(np.sign(one))
             make = partial(resize, some=some, sign=sign)
             yield refine(few, make, centre, (centre - 1.0, centre + 1.0), hope)
-    if len(every) > 1 and not np.all((np.abs(sizes) > SMALL) & (np.abs(sizes) < LARGE)):
+    turned = (sizes > -LARGE) & (sizes < -SMALL)
+    if len(every) > 1 and any(map(is_off, sizes)) and not turned.any():
         yield r.has("size", FREE * len(every), size=tuple(own.get(j, 1.0) for j in range(n)))
 
 
@@ -261,7 +265,7 @@ def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Torques of all joints late or early by one time, or behind a filter of first order."""
     if r.delay or r.lag:
         return
-    hope = few.look(r) + _HOPE
+    hope = few.look(r)
     for field, grid in (("delay", _DELAYS), ("lag", _LAGS)):
 
         def make(time: float, field: str = field) -> Reading:
@@ -290,7 +294,8 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
         return None
     return (
         f"torques follow the motion by about {1000 * (r.delay + r.lag):.0f} ms at every joint, as behind "
-        "a filter. A delay that is named at a joint comes from the recorder. Record the torque without a filter.",
+        "a filter. A delay that is named at a joint comes from the recorder. Record the torque without a "
+        "filter.",
         ("late tau",),
     )
 
@@ -305,7 +310,7 @@ def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
         return r.has("clock", FREE, clock=float(2.0**octaves))
 
     start = float(np.log2(min(_CLOCKS, key=lambda one: few.look(make(np.log2(one))))))
-    best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r) + _HOPE)
+    best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r))
     yield _round(few, best, make(start))
 
 
@@ -329,7 +334,7 @@ def _tell_clocks(r: Reading, rows: Rows) -> Told | None:
 
 def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Positions in degrees or mm, in turns, before a gear, or of another resolution."""
-    rows, hope = few.rows, few.look(r) + _HOPE
+    rows, hope = few.rows, few.look(r)
     span = np.ptp(rows.q, axis=0)
     plain = [j for j in range(rows.n) if abs(r.factor[j]) == 1.0]
     for slides, unit, least in ((False, DEGREE, 1.0), (True, _MM, 0.5)):
@@ -349,7 +354,7 @@ def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
         start = float(np.log2(min(tried, key=lambda one: few.look(make(np.log2(one))))))
         best = refine(few, make, start, (start - 0.6, start + 0.6), hope)
         near = min(_FACTORS, key=lambda one: abs(np.log2(one / max(map(abs, best.factor)))))
-        yield min((best, _round(few, best, make(np.log2(near)))), key=few.look)
+        yield _round(few, best, make(np.log2(near)))
 
 
 def _tell_units(r: Reading, rows: Rows) -> Told | None:
@@ -383,13 +388,13 @@ def _tell_scales(r: Reading, rows: Rows) -> Told | None:
 
 def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Another zero of the position of a joint that turns."""
-    hope = few.look(r) + _HOPE
+    hope = few.look(r)
     for j in [j for j in _turning(few) if not r.zero[j]]:
 
         def make(zero: float, j: int = j) -> Reading:
             return r.has("zero", FREE, zero=r.put("zero", [j], zero))
 
-        grid = 0.5 * _QUARTER * np.array([-3.0, -2.0, -1.0, -0.6, 0.6, 1.0, 2.0, 3.0, 4.0])
+        grid = 0.5 * _QUARTER * np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0])
         start = min(grid.tolist(), key=lambda zero: few.look(make(zero)))
         best = refine(few, make, start, (start - 0.4, start + 0.4), hope)
         quarter = _QUARTER * round(best.zero[j] / _QUARTER)

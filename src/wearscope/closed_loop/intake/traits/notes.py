@@ -3,10 +3,10 @@
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.intake.traits.dictionary import OWN, scale_payload
-from wearscope.closed_loop.intake.traits.hypotheses import tell
+from wearscope.closed_loop.intake.traits.dictionary import scale_payload
+from wearscope.closed_loop.intake.traits.hypotheses import NOTE, tell
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
-from wearscope.closed_loop.intake.traits.score import Model
+from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
 from wearscope.closed_loop.intake.traits.search import Weighed
 
 #: Share of a torque's variance below which there is no friction in it; above which nothing is said of it.
@@ -14,25 +14,22 @@ _NO_FRICTION, _POOR = 1e-4, 0.05
 #: Mean torque of gravity that counts, over a torque's spread; share of it within which an offset is it;
 #: torque over need of a body of which nothing is seen.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
-#: Share of a payload's mass by which less than nothing may be carried; its moment over mass and reach, at most;
-#: standard errors within which runs carry the same, and of an interval.
-_EMPTIED, _AWAY, _DIFFER, _SURE = 0.05, 2.0, 3.0, 2.0
+#: A payload's moment over mass and reach, at most; standard errors within which runs carry the same, and of
+#: an interval.
+_AWAY, _DIFFER, _SURE = 2.0, 3.0, 2.0
 
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
-    if not rows.heard:
-        return
     reading, model = found.best.reading, found.best
     noted = tell(reading, rows)[1]
-    prepared.notes += [told for told, _ in noted]
+    unsure = tell(reading, rows)[0] if found.best.over(found.stated) > NOTE else []
+    prepared.notes += [f"perhaps {told}" for told, _ in unsure] + [told for told, _ in noted]
     names = prepared.dataset.joints
     prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
     _note_payload(prepared, rows, found)
-    friction = np.isin(OWN, ("Coulomb", "viscous", "load", "falling", "falling load"))
     for k, j in enumerate(model.fit.joint.tolist()):
-        own = model.fit.x[k][:, model.fit.shared :] @ (friction * model.own(k))
-        if own.var() < _NO_FRICTION and model.left[k] < _POOR:
+        if model.rub(k) < _NO_FRICTION and model.left[k] < _POOR:
             prepared.link_side = prepared.link_side | {names[j]}
     if prepared.link_side:
         link = [name for name in names if name in prepared.link_side]
@@ -75,38 +72,35 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
 
 
 def _note_payload(prepared: Prepared, rows: Rows, found: Weighed) -> None:
-    """A payload that is not stated: its mass with an interval, the runs that carry it, and the line for it."""
-    if ("payload", -1) not in found.best.terms:
+    """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it."""
+    if PAYLOAD not in found.best.terms:
         return
     numbers = np.unique(rows.run)
-    values, errors = found.best.find_by_run(found.best.fit.groups["payload", -1])
     bodies = [prepared.runs[k].signals.rigid_body for k in numbers.tolist()]
     size, reach = scale_payload(bodies[0])
-    values, errors = values * size, errors * size
+    values, errors = (x * size for x in found.best.find_by_run(found.best.fit.groups[PAYLOAD]))
     weight = 1.0 / errors**2
     mean = (weight * values).sum(axis=0) / weight.sum(axis=0)
-    differ = np.abs(values[:, 0] - mean[0]) > _DIFFER * errors[:, 0]
     groups = [np.ones(len(numbers), dtype=bool)]
-    if differ.any():
+    if np.any(np.abs(values[:, 0] - mean[0]) > _DIFFER * errors[:, 0]):
         loaded = values[:, 0] > 0.5 * (values[:, 0].min() + values[:, 0].max())
         groups = [loaded, ~loaded]
     for some in groups:
-        one = (weight * values)[some].sum(axis=0) / weight[some].sum(axis=0)
-        mass, error = float(one[0]), _SURE / float(np.sqrt(weight[some, 0].sum()))
-        stated = [body.payload for body in bodies]
-        now = stated[int(np.flatnonzero(some)[0])]
-        before = now.parameters[:4] if now is not None else np.zeros(4)
-        is_body = np.linalg.norm(one[1:]) <= _AWAY * reach * abs(mass) and mass + before[0] >= -_EMPTIED * abs(mass)
-        if not is_body or error > abs(mass):
+        more = (weight * values)[some].sum(axis=0) / weight[some].sum(axis=0)
+        mass, error = float(more[0]), _SURE / float(np.sqrt(weight[some, 0].sum()))
+        stated = bodies[int(np.flatnonzero(some)[0])].payload
+        whole = more + (np.zeros(4) if stated is None else stated.parameters[:4])
+        if np.linalg.norm(more[1:]) > _AWAY * reach * abs(mass) or error > abs(mass):
             continue
         files = dict.fromkeys(prepared.runs[k].file for k in numbers[some].tolist())
-        where = "" if some.all() else f" in {', '.join(files)}"
-        whole = before + one
-        com = ", ".join(f"{x:.3g}" for x in whole[1:] / whole[0]) if whole[0] > error else ""
-        line = f'write "payload: {{mass: {whole[0]:.3g}, com: [{com}]}}" at {"each run" if some.all() else "each of them"}'
+        where, at = ("", "each run") if some.all() else (f" in {', '.join(files)}", "each of them")
+        line = f"leave the payload out at {at}"
+        if whole[0] > error:
+            com = ", ".join(f"{x:.3g}" for x in whole[1:] / whole[0])
+            line = f'write "payload: {{mass: {whole[0]:.3g}, com: [{com}]}}" at {at}'
         prepared.notes.append(
             f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated "
-            f"({abs(mass) - error:.2g} to {abs(mass) + error:.2g} kg) explains the torques better{where}. If the "
-            f"machine carries {'it' if com else 'none'}, {line if com else 'leave the payload out'} in "
-            "dataset.yaml; otherwise the last link's mass is off by as much."
+            f"({abs(mass) - error:.2g} to {abs(mass) + error:.2g} kg) explains the torques better{where}. "
+            f"If that is what the machine carries, {line} in dataset.yaml; otherwise the last link's mass is "
+            "off by as much."
         )

@@ -1,6 +1,7 @@
 """A reading: what the columns of a recording hold, made from what they are said to hold."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class Reading:
         one, each = (1.0,) * n, tuple(range(n))
         return cls(one, one, (0.0,) * n, one, each, each)
 
-    def has(self, trait: str, nats: float, **changes: object) -> "Reading":
+    def has(self, trait: str, nats: float, **changes: Any) -> "Reading":
         """The same with a trait more."""
         names = dict.fromkeys((*self.traits, trait))
         return replace(self, traits=tuple(names), nats=self.nats + nats, **changes)

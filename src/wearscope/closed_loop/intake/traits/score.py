@@ -20,10 +20,10 @@ from wearscope.closed_loop.intake.traits.dictionary import (
     DRIVE,
     FREE,
     OWN,
-    ROTOR,
     Columns,
     make_columns,
     scale_columns,
+    scale_payload,
 )
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
@@ -35,9 +35,13 @@ _JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
+#: Share of a stated payload that may be missing at most; rounding error.
+_EMPTIED = 1.05
 _EPS = 100.0 * np.finfo(float).eps
 
 Term = tuple[str, int]
+#: What the last link carries and nobody stated.
+PAYLOAD: Term = ("payload", -1)
 
 
 class Fit:
@@ -55,13 +59,14 @@ class Fit:
         heard, joint = rows.heard, reading.joint_of
         self.joint = joint[heard]
         tau = rows.torque(reading)
-        shared, own = columns.shared.shape[2], len(OWN)
+        self.names = np.array(OWN)[: columns.own.shape[2]]
+        shared, own = columns.shared.shape[2], len(self.names)
         most = max((columns.known[:, j].std() for j in self.joint), default=0.0)
         self.x, self.y, self.body = [], [], []
         for c, j in zip(heard, self.joint.tolist(), strict=True):
             at, size = rows.counts[:, c, None], reading.size[j]
             scale = float(tau[at[:, 0], c].std()) if c in reading.crossed else rows.scale[c]
-            x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, ROTOR * most / scale)]
+            x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, scale, most)]
             body = columns.known[:, j, None] * size / scale * at
             self.body.append(body[:, 0])
             self.x.append(np.concatenate(x, axis=1) * at)
@@ -74,20 +79,23 @@ class Fit:
                 x[:, s] /= rms + 1e-300
         self.index = [np.r_[np.arange(shared), shared + k * own + np.arange(own)] for k in range(n)]
         self.size = shared + n * own
-        self.signed = np.r_[np.zeros(shared, bool), np.tile(~np.isin(OWN, FREE), n)]
+        bodies = [run.signals.rigid_body for run in rows.prepared.runs]
+        stated = max(body.payload.mass if body.payload else 0.0 for body in bodies)
+        self.lightest = -_EMPTIED * stated / float(scale_payload(bodies[0])[0][0]) - _EPS
+        self.signed = np.r_[np.zeros(shared, bool), np.tile(~np.isin(self.names, FREE), n)]
         self.always = np.r_[np.arange(shared) < columns.links, np.tile(np.arange(own) < DRIVE, n)]
 
     @cached_property
     def groups(self) -> dict[Term, np.ndarray]:
         """Coefficients of each term that a machine may have."""
-        names = np.array(OWN)
-        out: dict[Term, np.ndarray] = {("payload", -1): np.arange(self.columns.links, self.soft)}
+        names, own = self.names, len(self.names)
+        out: dict[Term, np.ndarray] = {PAYLOAD: np.arange(self.columns.links, self.soft)}
         for k, j in enumerate(self.joint.tolist()):
             if self.soft < self.shared:
                 out["soft gear", j] = np.array([self.soft + k])
-            for name in dict.fromkeys(OWN[DRIVE:]):
+            for name in dict.fromkeys(names[DRIVE:].tolist()):
                 if name != "balancer" or not self.rows.slides[j]:
-                    out[name, j] = self.shared + k * len(OWN) + np.flatnonzero(names == name)
+                    out[name, j] = self.shared + k * own + np.flatnonzero(names == name)
         return out
 
     @cached_property
@@ -115,7 +123,7 @@ class Fit:
 
     def solve(self, grams: np.ndarray, weight: np.ndarray, active: np.ndarray) -> np.ndarray:
         """Coefficients, those of friction and inertia not negative; what is shared is taken out first."""
-        shared, own, n = self.shared, len(OWN), len(weight)
+        shared, own, n = self.shared, len(self.names), len(weight)
         w, x = grams * weight[:, None, None], np.zeros(self.size)
         at, on = np.flatnonzero(active[:shared]), np.flatnonzero(active[shared:])
         both = w[:, at, shared:-1].transpose(1, 0, 2).reshape(len(at), n * own)[:, on]
@@ -135,15 +143,19 @@ class Fit:
                 break
             used &= ~bad
         x[at], x[shared + on] = taken[:, -1] - taken[:, :-1] @ found, found
+        if x[self.columns.links] < self.lightest:  # no machine carries less than nothing
+            other = active.copy()
+            other[self.groups[PAYLOAD]] = False
+            return self.solve(grams, weight, other)
         return x
 
     def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
         """What coefficients leave of each torque, shares of its variance."""
         z = [np.append(x[at], -1.0) for at in self.index]
         # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
-        least = [_EPS * float(np.abs(one) @ np.abs(gram) @ np.abs(one)) for one, gram in zip(z, grams, strict=True)]
-        left = [float(one @ gram @ one) for one, gram in zip(z, grams, strict=True)]
-        return np.maximum(left, least)
+        pairs = list(zip(z, grams, strict=True))
+        least = [_EPS * float(np.abs(one) @ np.abs(gram) @ np.abs(one)) for one, gram in pairs]
+        return np.maximum([float(one @ gram @ one) for one, gram in pairs], least)
 
     def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coefficients, what they leave, and the weights that this gives the torques."""
@@ -161,13 +173,17 @@ class Fit:
 
     def leave_plain(self) -> np.ndarray:
         """What links and drives leave (K,), friction by load and speed among them."""
-        plain = np.tile(~np.isin(OWN, FREE[1:]), len(self.x))
+        plain = np.tile(~np.isin(self.names, FREE[1:]), len(self.x))
         return self.settle(np.r_[self.always[: self.shared], plain])[1]
 
     def size_alone(self, k: int) -> float:
         """Torque over what the body needs of the k-th torque by itself, next to a drive."""
-        x = np.column_stack([self.body[k], self.x[k][:, self.shared : self.shared + DRIVE]])
-        return float(np.linalg.lstsq(x, self.y[k] + self.body[k], rcond=None)[0][0])
+        drive, y = self.x[k][:, self.shared : self.shared + DRIVE], self.y[k] + self.body[k]
+        both = [np.column_stack([self.body[k], drive[:, first:]]) for first in (0, 1)]
+        found = [np.linalg.lstsq(x, y, rcond=None)[0] for x in both]
+        left = [float(np.mean((y - x @ one) ** 2)) for x, one in zip(both, found, strict=True)]
+        # Where a drive's inertia and the body move alike, all of it is taken for the body's.
+        return float(found[left[1] < left[0] + FORM * float(np.mean(y**2))][0])
 
     def model(self, terms: Iterable[Term]) -> "Model":
         """A machine with terms, fitted."""
@@ -228,8 +244,23 @@ class Model:
 
     def own(self, k: int) -> np.ndarray:
         """Coefficients (len(OWN),) of the k-th torque's own columns."""
-        start = self.fit.shared + k * len(OWN)
-        return self.x[start : start + len(OWN)]
+        count = len(self.fit.names)
+        start = self.fit.shared + k * count
+        return self.x[start : start + count]
+
+    def leave_by_run(self) -> np.ndarray:
+        """Largest share (R,) of a torque's variance that is left in each run."""
+        rows, shares = self.fit.rows, []
+        number = np.unique(rows.run, return_inverse=True)[1]
+        for k, c in enumerate(rows.heard):
+            count = np.bincount(number, rows.counts[:, c])
+            shares.append(np.bincount(number, self.leave(k) ** 2) / np.maximum(count, 1))
+        return np.asarray(np.max(shares, axis=0))
+
+    def rub(self, k: int) -> float:
+        """Share of the k-th torque's variance that friction makes."""
+        own = self.own(k) * np.isin(self.fit.names, ("Coulomb", "viscous", "load", "falling", "falling load"))
+        return float((self.fit.x[k][:, self.fit.shared :] @ own).var())
 
     def find_by_run(self, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients (R, m) of some columns if each run had its own, and their standard deviations."""

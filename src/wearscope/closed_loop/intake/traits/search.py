@@ -16,6 +16,8 @@ ODDS, REFUSE = float(np.log(100.0)), 10.0
 _FEW, _BEAM, _FRONT = 160, 4, 2
 #: Rounds of further traits; share of a torque's variance that is much.
 _ROUNDS, _MUCH = 2, 0.1
+#: Nats by which a reading is the likelier one at a first look, whatever all rows say.
+_APART = 30.0
 
 
 @dataclass(frozen=True)
@@ -48,16 +50,17 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
     """
     whole, few = Weighing(rows), Weighing(rows.thin(_FEW), coarse=True)
     stated = whole.fit(Reading.stated(rows.n)).climb()
-    if not rows.heard:
-        return Weighed(stated, stated, [])
     best, pool = stated, list[Model]()
     front = [stated.reading]
     for _ in range(1 + _ROUNDS):
+        if best.need < NOTE:
+            break
         traits = TRAITS if best.need > ODDS + REFUSE else [one for one in TRAITS if one.notes]
         found = [
             one for start in front for trait in traits for one in _list_readings(few, trait, start, accepted)
         ]
         ranked = sorted(dict.fromkeys(found), key=few.look)[:_BEAM]
+        ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
         further = max(models, key=lambda one: one.over(best), default=best)
@@ -67,7 +70,7 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
             break
         # Of two traits neither need be the better one alone: where much is left, the likeliest are followed.
         front = ranked[:_FRONT] if best is stated else [best.reading]
-        if best.need < 2.0 * (ODDS + REFUSE) or (best is stated and stated.held.max() < _MUCH):
+        if best is stated and stated.held.max() < _MUCH:
             break
     ties = [
         one
@@ -84,7 +87,7 @@ def _list_readings(
     one: Reading | None = start
     while one is not None:
         before = few.look(one)
-        some = _propose(few, trait, one, accepted)
+        some = _propose(few, trait, one, accepted, ODDS if one is start else 0.0)
         yield from some if one is start else ()
         one = min(some, key=few.look, default=None)
         if one is None or few.look(one) > before - NOTE:
@@ -92,12 +95,14 @@ def _list_readings(
         yield one
 
 
-def _propose(few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str]) -> list[Reading]:
-    """Readings with a trait, or more of it, and the odds against them."""
+def _propose(
+    few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str], odds: float
+) -> list[Reading]:
+    """Readings with a trait, or with more of it, and the odds against that."""
     every = list(trait.propose(few, start))
     taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
     # What is noted has odds of its own.
-    nats = ODDS + float(np.log(max(len(every), 1)))
+    nats = odds + float(np.log(max(len(every), 1)))
     return [one if trait.notes and trait.notes(one) else one.has(one.traits[-1], nats) for one in taken]
 
 
