@@ -32,7 +32,7 @@ def test_a_joint_in_another_unit_is_told_with_a_poor_body(tmp_path, factors):
     assert float(said[2]) == pytest.approx(factors[odd], rel=0.4)
 
 
-@pytest.mark.parametrize("factors", [(-1000.0,), (-8.0,), (1.0, -60.0)])
+@pytest.mark.parametrize("factors", [(-1000.0,), (1.0, -60.0)])
 def test_a_torque_in_another_unit_may_be_turned_round_too(tmp_path, factors):
     text = Bench(tmp_path, len(factors), seconds=9.0).record(torque(factors, mass=1.2)).refuse()
     said = re.search(r"'tau_j(\d)' is (\S+) times what the rigid body needs", text)
@@ -47,7 +47,7 @@ def test_torques_that_are_too_large_may_be_those_of_positions_in_turns(tmp_path)
         lambda q, v, a, rng, t: torque((1.0, 1.0), mass=1.2)(q, v, a, rng, t) + [[0.0, 2.0]] * (q - 0.3),
         position=lambda q, k: q / (2.0 * np.pi),
     )
-    assert "q is in rad and not in turns (those need --counts-per-turn 1)" in bench.refuse()
+    assert "--scale q_j1=6.2832 --scale q_j2=6.2832" in bench.refuse()
     bench.accept("--counts-per-turn", "1")
 
 

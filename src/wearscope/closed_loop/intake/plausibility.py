@@ -94,7 +94,9 @@ def _refuse(
 def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     """What is refused and its codes; None where nothing is."""
     refused, noted = tell(found.best.reading, rows)
-    if not refused or found.best.over(found.stated) < REFUSE:
+    # Where most torques stay unexplained, no reading is the answer.
+    poor = float(np.median(found.best.held)) > _DOUBTFUL
+    if not refused or poor or found.best.over(found.stated) < REFUSE:
         return None
     parts = [told.rstrip(".") for told, _ in (*refused, *noted)]
     if max(map(found.best.rub, range(len(found.best.left)))) < _NO_FRICTION:
@@ -175,9 +177,9 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
                 "middle joint's); check that the columns belong together, their units, and the URDF."
             )
             prepared.refuse(str(prepared.dataset.folder / run.file), told, "unrelated tau")
-    bad = found.best.held > _UNJUDGED
+    bad = found.stated.held > _UNJUDGED
     names = [f"tau_{prepared.dataset.joints[j]}" for j in np.array(whole.heard, dtype=int)[bad]]
-    sizes = 100 * np.sqrt(found.best.held[bad])
+    sizes = 100 * np.sqrt(found.stated.held[bad])
     # One joint may have what no other has; most joints together lack something that moves them all.
     if 1 < len(names) >= 0.5 * len(whole.heard):
         told = (

@@ -19,7 +19,7 @@ from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 #: share of the robot's mass that every link may carry in addition.
 _SLACK, _CARRIED = {"trusted": 0.1, "approximate": 0.2}, 0.005
 #: Share of the robot's mass that a payload may have, and of its reach that it may be away from the joint.
-_PAYLOAD = 0.3
+_PAYLOAD, _AWAY = 1.0, 0.3
 #: Most that a rotor needs of a torque, over the largest that any joint's body needs.
 _ROTOR = 10.0
 #: Share of a joint's weight that a balancer carries.
@@ -79,7 +79,8 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     links = body.inertial_regressor(moved.q, moved.v, moved.a)
     inertials = rows.prepared.dataset.fields.robot.inertials
     slack = links @ _list_ways(rows.prepared.runs[0].signals.rigid_body, inertials)
-    payload = links[:, :, -N_PARAMETERS:][:, :, :4] * scale_payload(body)[0]
+    payload = links[:, :, -N_PARAMETERS:] * scale_payload(body)[0]
+    payload = payload * moved.loaded[:, None, None]
     still = replace(moved, v=0.0 * moved.v, a=0.0 * moved.a)
     weight = _know(still, bodies)
     if reading.without:
@@ -142,10 +143,11 @@ def _bend(moved: Rows, body: RigidBody, motors: list[int]) -> np.ndarray:
 
 
 def scale_payload(body: RigidBody) -> tuple[np.ndarray, float]:
-    """Standard deviation (4,) of a payload's mass [kg] and its moment [kg m], and the robot's reach [m]."""
+    """Standard deviation (10,) of a payload's inertial parameters, and the robot's reach [m]."""
     arms = np.linalg.norm(np.diff(body.joint_origins(np.zeros(body.n))[0], axis=0), axis=1)
     mass, reach = float(body.inertial_parameters[::N_PARAMETERS].sum()), float(arms.sum())
-    return _PAYLOAD * mass * np.array([1.0, *[_PAYLOAD * reach] * 3]), reach
+    away = _AWAY * reach
+    return _PAYLOAD * mass * np.repeat([1.0, away, away**2], [1, 3, 6]), reach
 
 
 def scale_columns(columns: Columns, j: int, scale: float, most: float) -> np.ndarray:

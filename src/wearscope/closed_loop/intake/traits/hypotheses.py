@@ -27,10 +27,9 @@ SMALL, LARGE = 0.25, 4.0
 LATE = 0.025
 DEGREE = float(np.pi / 180.0)
 _MM, _QUARTER = 1e-3, float(np.pi / 2.0)
-#: Factors of positions, and of clocks, that are known; where others are looked for.
-_FACTORS = (0.125, 0.25, 0.5, 2.0, 4.0, float(np.pi), float(2 * np.pi))
-_CLOCKS = (0.1, 0.5, 2.0, 10.0)
-_DELAYS, _LAGS = (-0.08, -0.02, 0.01, 0.02, 0.04, 0.08, 0.16), (0.01, 0.03, 0.1)
+#: Factors in octaves, and delays, from which a better one is sought; factors of turns and half turns.
+_OCTAVES, _TIMES = np.arange(-3.0, 4.0), LONGEST / 2.0 ** np.arange(1.0, 6.0)
+_TURNS = (float(np.pi), 2.0 * float(np.pi))
 #: Odds for Earth's gravity, in nats.
 _UNEARTHLY = 10.0
 #: Cosine to the stated direction from which gravity has no other; part of it along an axis that is none.
@@ -158,20 +157,22 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
     own = {j: float(np.clip(abs(one), 1e-4, 1e4) * np.sign(one or 1.0)) for j, one in own.items()}
     every, hope = list(own), few.look(r)
     sizes = np.array(list(own.values()))
-    middle = float(np.median(np.abs(sizes)))
+    middle = float(np.median(np.abs(sizes))) * float(np.sign(sizes.sum()) if len(every) == 1 else 1.0)
 
     def resize(octaves: float, some: list[int], sign: float = 1.0) -> Reading:
         # Of all torques alike, links that are all off alike are no rival: it is said so.
         one = sign * float(2.0**octaves)
-        alike = is_off(one) or len(some) == len(every) > 1
-        nats = FREE if alike else FREE + NOTE + float(np.log(len(every)))
+        alike = len(some) == len(every) > 1
+        nats = FREE + (0.0 if is_off(one) else NOTE + (0.0 if alike else float(np.log(len(every)))))
         return r.has("size", nats, size=r.put("size", some, one))
 
     for some, one in [(every, middle), *(([j], own[j]) for j in every if len(every) > 1)]:
         if one > 0.0 or abs(one) > LARGE or abs(one) < SMALL:
             centre, sign = float(np.log2(abs(one))), float(np.sign(one))
             make = partial(resize, some=some, sign=sign)
-            yield refine(few, make, centre, (centre - 1.0, centre + 1.0), hope)
+            low, high = (SMALL, LARGE) if not is_off(one) else (0.5 * abs(one), 2.0 * abs(one))
+            within = float(np.log2(low * 1.01)), float(np.log2(high * 0.99))
+            yield refine(few, make, centre, within, hope)
     turned = (sizes > -LARGE) & (sizes < -SMALL)
     if len(every) > 1 and any(map(is_off, sizes)) and not turned.any():
         yield r.has("size", FREE * len(every), size=tuple(own.get(j, 1.0) for j in range(n)))
@@ -266,10 +267,10 @@ def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
     if r.delay or r.lag:
         return
     hope = few.look(r)
-    for field, grid in (("delay", _DELAYS), ("lag", _LAGS)):
+    for field, grid in (("delay", [*_TIMES.tolist(), *(-_TIMES).tolist()]), ("lag", _TIMES.tolist())):
 
         def make(time: float, field: str = field) -> Reading:
-            return r.has("late", FREE + NOTE, **{field: time})
+            return r.has("late", FREE + NOTE * (abs(time) < LATE), **{field: time})
 
         start = min(grid, key=lambda time: few.look(make(time)))
         low, high = sorted((0.4 * start, min(2.0 * start, LONGEST)))
@@ -309,7 +310,7 @@ def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
     def make(octaves: float) -> Reading:
         return r.has("clock", FREE, clock=float(2.0**octaves))
 
-    start = float(np.log2(min(_CLOCKS, key=lambda one: few.look(make(np.log2(one))))))
+    start = min(_OCTAVES[_OCTAVES != 0.0].tolist(), key=lambda one: few.look(make(one)))
     best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r))
     yield _round(few, best, make(start))
 
@@ -350,25 +351,27 @@ def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
         def make(octaves: float, group: list[int] = group) -> Reading:
             return r.has("scale", FREE, factor=r.times("factor", group, float(2.0**octaves)))
 
-        tried = _FACTORS if len(group) > 1 or len(turning) == 1 else (0.5, 2.0)
-        start = float(np.log2(min(tried, key=lambda one: few.look(make(np.log2(one))))))
+        # One joint's encoder may be off by a count; all of them also by a gear.
+        near = _OCTAVES[_OCTAVES != 0.0] if len(group) == len(turning) else [-1.0, 1.0]
+        start = float(min(near, key=lambda one: few.look(make(float(one)))))
         best = refine(few, make, start, (start - 0.6, start + 0.6), hope)
-        near = min(_FACTORS, key=lambda one: abs(np.log2(one / max(map(abs, best.factor)))))
-        yield _round(few, best, make(np.log2(near)))
+        found = float(np.log2(abs(best.factor[group[0]] / r.factor[group[0]])))
+        known = min((*_OCTAVES, *np.log2(_TURNS)), key=lambda one: abs(one - found))
+        yield _round(few, best, make(float(known))) if known else best
 
 
 def _tell_units(r: Reading, rows: Rows) -> Told | None:
     told, codes = [], []
     for unit, name, target, slides in ((DEGREE, "degrees", "rad", False), (_MM, "mm", "m", True)):
         some = [j for j in range(rows.n) if abs(r.factor[j]) == unit]
-        every = len(some) > 1 or rows.slides.tolist().count(slides) == len(some)
-        if some and every:
+        columns, many = _name(rows, some, "q"), len(some) > 1
+        if some and all(j in some for j in rows.heard if rows.slides[j] == slides):
             told.append(f"positions look like {name}; convert q to {target}.")
             codes.append(f"{name} q")
         elif some:
-            (column,) = _name(rows, some, "q")
-            told.append(f"column '{column}' looks like {name}; convert it to {target}.")
-            codes.append(f"{name} {column}")
+            noun, verb, them = ("columns", "look", "them") if many else ("column", "looks", "it")
+            told.append(f"{noun} {say_columns(columns)} {verb} like {name}; convert {them} to {target}.")
+            codes += [f"{name} {column}" for column in columns]
     return (" ".join(told), tuple(codes)) if told else None
 
 

@@ -14,9 +14,8 @@ _NO_FRICTION, _POOR = 1e-4, 0.05
 #: Mean torque of gravity that counts, over a torque's spread; share of it within which an offset is it;
 #: torque over need of a body of which nothing is seen.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
-#: A payload's moment over mass and reach, at most; standard errors within which runs carry the same, and of
-#: an interval.
-_AWAY, _DIFFER, _SURE = 2.0, 3.0, 2.0
+#: A payload's moment over mass and reach, at most; standard errors of an interval.
+_AWAY, _SURE = 2.0, 2.0
 
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
@@ -27,7 +26,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     prepared.notes += [f"perhaps {told}" for told, _ in unsure] + [told for told, _ in noted]
     names = prepared.dataset.joints
     prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
-    _note_payload(prepared, rows, found)
+    _note_payload(prepared, found)
     for k, j in enumerate(model.fit.joint.tolist()):
         if model.rub(k) < _NO_FRICTION and model.left[k] < _POOR:
             prepared.link_side = prepared.link_side | {names[j]}
@@ -71,36 +70,31 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
             )
 
 
-def _note_payload(prepared: Prepared, rows: Rows, found: Weighed) -> None:
+def _note_payload(prepared: Prepared, found: Weighed) -> None:
     """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it."""
     if PAYLOAD not in found.best.terms:
         return
-    numbers = np.unique(rows.run)
+    rows = found.best.fit.rows
+    numbers = np.unique(rows.run[rows.loaded])
     bodies = [prepared.runs[k].signals.rigid_body for k in numbers.tolist()]
     size, reach = scale_payload(bodies[0])
-    values, errors = (x * size for x in found.best.find_by_run(found.best.fit.groups[PAYLOAD]))
-    weight = 1.0 / errors**2
-    mean = (weight * values).sum(axis=0) / weight.sum(axis=0)
-    groups = [np.ones(len(numbers), dtype=bool)]
-    if np.any(np.abs(values[:, 0] - mean[0]) > _DIFFER * errors[:, 0]):
-        loaded = values[:, 0] > 0.5 * (values[:, 0].min() + values[:, 0].max())
-        groups = [loaded, ~loaded]
-    for some in groups:
-        more = (weight * values)[some].sum(axis=0) / weight[some].sum(axis=0)
-        mass, error = float(more[0]), _SURE / float(np.sqrt(weight[some, 0].sum()))
-        stated = bodies[int(np.flatnonzero(some)[0])].payload
-        whole = more + (np.zeros(4) if stated is None else stated.parameters[:4])
-        if np.linalg.norm(more[1:]) > _AWAY * reach * abs(mass) or error > abs(mass):
-            continue
-        files = dict.fromkeys(prepared.runs[k].file for k in numbers[some].tolist())
-        where, at = ("", "each run") if some.all() else (f" in {', '.join(files)}", "each of them")
-        line = f"leave the payload out at {at}"
-        if whole[0] > error:
-            com = ", ".join(f"{x:.3g}" for x in whole[1:] / whole[0])
-            line = f'write "payload: {{mass: {whole[0]:.3g}, com: [{com}]}}" at {at}'
-        prepared.notes.append(
-            f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated "
-            f"({abs(mass) - error:.2g} to {abs(mass) + error:.2g} kg) explains the torques better{where}. "
-            f"If that is what the machine carries, {line} in dataset.yaml; otherwise the last link's mass is "
-            "off by as much."
-        )
+    values, covariance = found.best.find_by_run(found.best.fit.groups[PAYLOAD])
+    some = np.isin(np.unique(rows.run), numbers)
+    more = (values[some].mean(axis=0) * size)[:4]
+    mass, error = float(more[0]), _SURE * float(np.sqrt(covariance[some, 0][:, some, 0].mean()) * size[0])
+    stated = bodies[0].payload
+    whole = more + (np.zeros(4) if stated is None else stated.parameters[:4])
+    if np.linalg.norm(more[1:]) > _AWAY * reach * abs(mass) or error > abs(mass):
+        return
+    files = dict.fromkeys(prepared.runs[k].file for k in numbers.tolist())
+    where, at = ("", "each run") if rows.loaded.all() else (f" in {', '.join(files)}", "each of them")
+    line = f"leave the payload out at {at}"
+    if whole[0] > error:
+        com = ", ".join(f"{x:.3g}" for x in whole[1:] / whole[0])
+        line = f'write "payload: {{mass: {whole[0]:.3g}, com: [{com}]}}" at {at}'
+    prepared.notes.append(
+        f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated "
+        f"({abs(mass) - error:.2g} to {abs(mass) + error:.2g} kg) explains the torques better{where}. "
+        f"If that is what the machine carries, {line} in dataset.yaml; otherwise the last link's mass is "
+        "off by as much."
+    )

@@ -39,6 +39,8 @@ class Rows:
         Rows that count for a torque column.
     run, t : ndarray (N,)
         Number of the row's run, and its time in it [s].
+    loaded : ndarray (N,) of bool
+        Rows of runs in which a payload may be that is not stated.
     """
 
     prepared: Prepared
@@ -52,6 +54,7 @@ class Rows:
     counts: np.ndarray
     run: np.ndarray
     t: np.ndarray
+    loaded: np.ndarray
 
     @classmethod
     def of(cls, prepared: Prepared) -> "Rows":
@@ -70,7 +73,8 @@ class Rows:
                         "not driven; no reading of the columns is weighed on it."
                     )
                     own["counts"][:, j] = False
-            parts.append({**own, "run": np.full(len(own["t"]), k)})
+            every = np.ones(len(own["t"]), dtype=bool)
+            parts.append({**own, "run": np.full(len(every), k), "loaded": every})
         whole = cls(prepared, **{name: np.concatenate([one[name] for one in parts]) for name in parts[0]})
         starts, ends = (np.array([run.t[k] for run in prepared.runs])[whole.run] for k in (0, -1))
         inside = np.minimum(whole.t - starts, ends - whole.t) > LONGEST
@@ -79,7 +83,7 @@ class Rows:
 
     def pick(self, at: np.ndarray) -> "Rows":
         """Some of the rows."""
-        names = (*_MOTION, "tau", "counts", "run", "t")
+        names = (*_MOTION, "tau", "counts", "run", "t", "loaded")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def thin(self, most: int) -> "Rows":
@@ -114,9 +118,13 @@ class Rows:
 
     @cached_property
     def fold(self) -> np.ndarray:
-        """Fold (N,) of each row: runs in turn, or fifths where there are fewer than three."""
-        runs = np.unique(self.run, return_inverse=True)[1]
-        return runs % 5 if runs.max(initial=0) > 1 else np.arange(len(self.q)) * 5 // max(len(self.q), 1)
+        """Fold (N,) of each row: runs in turn, or fifths of each where fewer than three count."""
+        number, length = np.unique(self.run, return_inverse=True, return_counts=True)[1:]
+        counted = [len(np.unique(number[self.counts[:, j]])) for j in self.heard]
+        if min(counted, default=0) > 2:
+            return np.asarray(number % 5)
+        start = np.concatenate([[0], np.cumsum(length)[:-1]])
+        return np.asarray((np.arange(len(number)) - start[number]) * 5 // length[number])
 
     @cached_property
     def block(self) -> np.ndarray:

@@ -27,6 +27,7 @@ from wearscope.closed_loop.intake.traits.dictionary import (
 )
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
+from wearscope.robots.dynamics import N_PARAMETERS
 
 #: Form error, a share of a torque's variance; most independent rows; nats that a term must gain.
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
@@ -35,6 +36,8 @@ _JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
+#: Size of what a coefficient does, over the largest of its term, from which it counts.
+_TOLD = 0.01
 #: Share of a stated payload that may be missing at most; rounding error.
 _EMPTIED = 1.05
 _EPS = 100.0 * np.finfo(float).eps
@@ -64,15 +67,15 @@ class Fit:
         most = max((columns.known[:, j].std() for j in self.joint), default=0.0)
         self.x, self.y, self.body = [], [], []
         for c, j in zip(heard, self.joint.tolist(), strict=True):
-            at, size = rows.counts[:, c, None], reading.size[j]
+            at, size, sign = rows.counts[:, c, None], abs(reading.size[j]), np.sign(reading.size[j])
             scale = float(tau[at[:, 0], c].std()) if c in reading.crossed else rows.scale[c]
             x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, scale, most)]
             body = columns.known[:, j, None] * size / scale * at
             self.body.append(body[:, 0])
             self.x.append(np.concatenate(x, axis=1) * at)
-            self.y.append((tau[:, c, None] / scale * at - body)[:, 0])
+            self.y.append((sign * tau[:, c, None] / scale * at - body)[:, 0])
         self.count = np.maximum(rows.counts[:, heard].sum(axis=0), 1)
-        self.shared, self.soft, n = shared, columns.links + 4, len(heard)
+        self.shared, self.soft, n = shared, columns.links + N_PARAMETERS, len(heard)
         for s in range(self.soft, shared):  # as large as it is where it is felt most
             rms = max(np.sqrt(x[:, s] @ x[:, s] / m) for x, m in zip(self.x, self.count, strict=True))
             for x in self.x:
@@ -97,6 +100,14 @@ class Fit:
                 if name != "balancer" or not self.rows.slides[j]:
                     out[name, j] = self.shared + k * own + np.flatnonzero(names == name)
         return out
+
+    def count_free(self, term: Term) -> int:
+        """Coefficients of a term that the motion determines at all."""
+        at = self.groups[term]
+        if term != PAYLOAD:
+            return len(at)
+        sizes = np.linalg.svd(self.total[:, at[:, None], at].sum(axis=0), compute_uv=False)
+        return int(np.sum(sizes > _TOLD * sizes[0]))
 
     @cached_property
     def total(self) -> np.ndarray:
@@ -228,7 +239,7 @@ class Model:
         self, fit: Fit, terms: frozenset[Term], x: np.ndarray, left: np.ndarray, held: np.ndarray
     ) -> None:
         self.fit, self.terms, self.x, self.left, self.held = fit, terms, x, left, held
-        free = sum(len(fit.groups[term]) for term in terms)
+        free = sum(fit.count_free(term) for term in terms)
         alternatives = len(terms) * np.log(max(len(fit.groups), 1))
         self.cost = 0.5 * free * np.log(ROWS) + alternatives + 0.5 * float(x @ x) + fit.reading.nats
 
@@ -263,24 +274,26 @@ class Model:
         return float((self.fit.x[k][:, self.fit.shared :] @ own).var())
 
     def find_by_run(self, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients (R, m) of some columns if each run had its own, and their standard deviations."""
+        """Coefficients (R, m) of some columns if each run had its own, and their covariance (R, m, R, m)."""
         fit, number = self.fit, np.unique(self.fit.rows.run, return_inverse=True)[1]
         rest = np.setdiff1d(np.flatnonzero(self.x), some)
         own = number[:, None] == np.arange(number.max() + 1)
-        count = len(rest) + own.shape[1] * len(some)
-        a, b = np.eye(count), np.zeros(count)
-        weight = ROWS / (np.minimum(self.held, 1.0) + FORM) / fit.count
-        for x, y, w, at in zip(fit.x, fit.y, weight, fit.index, strict=True):
+        shape, grams = (own.shape[1], len(some)), []
+        for x, y, at, count in zip(fit.x, fit.y, fit.index, fit.count, strict=True):
             whole = np.zeros((len(x), fit.size))
             whole[:, at] = x
             split = (own[:, :, None] * whole[:, None, some]).reshape(len(x), -1)
-            z = np.column_stack([whole[:, rest], split])
-            a += w * z.T @ z
-            b += w * z.T @ y
-        inverse = np.linalg.inv(a)
-        at = slice(len(rest), None)
-        shape = own.shape[1], len(some)
-        return (inverse @ b)[at].reshape(shape), np.sqrt(np.diag(inverse)[at]).reshape(shape)
+            z = np.column_stack([whole[:, rest], split, y])
+            grams.append(z.T @ z / count)
+        every, left = np.stack(grams), self.left
+        for _ in range(_TURNS):
+            weight = ROWS / (np.minimum(left, 1.0) + FORM)
+            total = np.tensordot(weight, every, 1)
+            inverse = np.linalg.inv(total[:-1, :-1] + np.eye(len(total) - 1))
+            found = np.append(inverse @ total[:-1, -1], -1.0)
+            left = np.maximum(np.einsum("i,kij,j->k", found, every, found), 0.0)
+        at = slice(len(rest), -1)
+        return found[at].reshape(shape), inverse[len(rest) :, len(rest) :].reshape(*shape, *shape)
 
     def leave(self, k: int) -> np.ndarray:
         """What is left (N,) of the k-th torque, over its spread."""

@@ -1,14 +1,14 @@
 """Which reading of the columns is best: traits added one by one, each with the best machine for it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, TRAITS, Trait, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
-from wearscope.closed_loop.intake.traits.score import Model, Weighing
+from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
 
 #: Odds against a trait: 100 to 1. Nats beyond them that a refusal needs.
 ODDS, REFUSE = float(np.log(100.0)), 10.0
@@ -18,6 +18,8 @@ _FEW, _BEAM, _FRONT = 160, 4, 2
 _ROUNDS, _MUCH = 2, 0.1
 #: Nats by which a reading is the likelier one at a first look, whatever all rows say.
 _APART = 30.0
+#: Standard errors within which runs carry the same.
+_DIFFER = 4.0
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,12 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
     accepted : frozenset of str
         Codes of traits that are not asked for.
     """
+    stated = Weighing(rows).fit(Reading.stated(rows.n)).climb()
+    if (loaded := _find_loaded(stated)) is not None:
+        other = Weighing(replace(rows, loaded=loaded)).fit(stated.reading).climb()
+        stated = other if other.over(stated) > NOTE else stated
+    rows = stated.fit.rows
     whole, few = Weighing(rows), Weighing(rows.thin(_FEW), coarse=True)
-    stated = whole.fit(Reading.stated(rows.n)).climb()
     best, pool = stated, list[Model]()
     front = [stated.reading]
     for _ in range(1 + _ROUNDS):
@@ -78,6 +84,23 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         if one is not best and len(one.reading.traits) == len(best.reading.traits) and best.over(one) < NOTE
     ]
     return Weighed(stated, best, ties if best is not stated else [])
+
+
+def _find_loaded(model: Model) -> np.ndarray | None:
+    """Rows (N,) of the runs that seem to carry a payload, where others do not; None where all are alike."""
+    numbers, number = np.unique(model.fit.rows.run, return_inverse=True)
+    if len(numbers) < 2:
+        return None
+    values, covariance = model.find_by_run(model.fit.groups[PAYLOAD])
+    # What all runs carry alike may as well be the links'.
+    centred = np.eye(len(numbers)) - 1.0 / len(numbers)
+    spread = np.einsum("ar,rmsm,as->am", centred, covariance, centred)
+    away = np.abs(centred @ values) / np.sqrt(spread)
+    k = int(np.argmax(away.max(axis=0)))
+    if away[:, k].max() < _DIFFER:
+        return None
+    own = np.abs(values[:, k])
+    return np.asarray((own > 0.5 * (own.min() + own.max()))[number])
 
 
 def _list_readings(
