@@ -160,7 +160,7 @@ def test_a_reading_must_suit_most_runs_that_the_stated_one_does_not(tmp_path, tu
         scale("tau_pivot", -1.0)(pd.read_parquet(file)).to_parquet(file, index=False)
     if refused:
         refuse(
-            folder, "opposite sign" if len(turned) > 1 else r"0\.parquet: 'tau_pivot' has the opposite sign"
+            folder, "opposite sign" if len(turned) > 1 else r"0\.parquet: .*'tau_pivot' has the opposite sign"
         )
     else:
         check(folder)

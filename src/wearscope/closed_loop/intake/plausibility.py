@@ -43,7 +43,7 @@ def check_plausibility(prepared: Prepared) -> None:
     check_speeds(prepared)
     if rows.heard:
         _check_signs(prepared, rows)
-        found = _check_readings(prepared, rows)
+        found = _check_readings(prepared, rows, left)
     # A reading of the columns says more than a limit that they pass.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
@@ -62,18 +62,15 @@ def _leave(rows: Rows) -> np.ndarray:
     return left
 
 
-def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
-    """Readings of all runs together, then of the run that the best one explains least."""
+def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighed:
+    """Readings of all runs together, then of the run that the stated one explains least by itself."""
     declared = prepared.dataset.fields.declared_effects
     taken: set[str] = {"late tau"} if TIME_DELAY.name in declared else set()
     found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
-    left = found.best.leave_by_run()
-    doubtful = np.flatnonzero(left > _DOUBTFUL)
-    if len(doubtful) and len(left) > 1:
-        worst = int(np.argmax(left))
-        own = whole.pick(whole.run == np.unique(whole.run)[worst])
-        if own.heard:
-            _refuse(prepared, own, taken, np.unique(whole.run)[np.setdiff1d(doubtful, worst)], whole)
+    most = np.nan_to_num(left).max(axis=1)
+    doubtful, worst = np.flatnonzero(most > _DOUBTFUL), int(np.argmax(most))
+    if len(doubtful) and len(left) > 1 and found.best.leave_by_run().max() > _DOUBTFUL:
+        _refuse(prepared, whole.pick(whole.run == worst), taken, np.setdiff1d(doubtful, worst), whole)
     return found
 
 
@@ -170,7 +167,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
         own, heard = whole.run == k, np.isfinite(left[k])
         if not heard.any() or np.median(left[k, heard]) <= _HOPELESS:
             continue
-        free = np.median([_misfit(whole.pick(own), known[own], j) for j in np.flatnonzero(heard)])
+        free = np.median([_misfit(whole.pick(own), known[own], j) for j in np.flatnonzero(heard).tolist()])
         if free > _HOPELESS:
             told = (
                 f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "

@@ -28,7 +28,7 @@ _BALANCED = 0.3
 _FALLS = (0.05, 0.3)
 #: Columns of a joint of its own. The first `DRIVE` are in every model; those of `FREE` may have either sign.
 _WAVES = 6
-OWN = ("inertia", "Coulomb", "viscous", "offset", "load", "spring", "balancer", "balancer")
+OWN: tuple[str, ...] = ("inertia", "Coulomb", "viscous", "offset", "load", "spring", "balancer", "balancer")
 OWN = (*OWN, *["falling"] * 2, *["falling load"] * 2, *["position"] * (2 * _WAVES))
 DRIVE, FREE = 4, ("offset", "spring", "balancer", "position")
 FRICTION = slice(1, 3)

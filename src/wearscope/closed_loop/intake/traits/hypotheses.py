@@ -163,7 +163,7 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
         # Of all torques alike, links that are all off alike are no rival: it is said so.
         one = sign * float(2.0**octaves)
         alike = len(some) == len(every) > 1
-        nats = FREE + (0.0 if is_off(one) else NOTE + (0.0 if alike else float(np.log(len(every)))))
+        nats = FREE + (0.0 if is_off(one) else (NOTE + float(np.log(len(every)))) * (not alike))
         return r.has("size", nats, size=r.put("size", some, one))
 
     for some, one in [(every, middle), *(([j], own[j]) for j in every if len(every) > 1)]:
@@ -243,13 +243,16 @@ def _tell_signs(r: Reading, rows: Rows) -> Told | None:
         return None
     every = not positions.any() and torques[rows.heard].all()
     axis = "the URDF's axis"
+    groups: list[tuple[np.ndarray, tuple[str, ...], str]]
     groups = [(torques & ~positions, ("tau",), "what the motion needs")]
     groups += [(positions & ~torques, ("q",), axis)]
     both = np.flatnonzero(torques & positions)
     groups += [(np.arange(rows.n) == j, ("q", "tau"), axis) for j in both]
     parts, codes, columns = [], ["sign tau"] if every else [], []
     for some, kinds, of_what in groups:
-        names = [name for j in np.flatnonzero(some) for kind in kinds for name in _name(rows, [j], kind)]
+        names = [
+            name for j in np.flatnonzero(some).tolist() for kind in kinds for name in _name(rows, [j], kind)
+        ]
         if not names:
             continue
         noun, verb = ("columns ", "have") if len(names) > 1 else ("column ", "has")
@@ -468,7 +471,7 @@ TRAITS = (
 
 def tell(reading: Reading, rows: Rows) -> tuple[list[Told], list[Told]]:
     """What is refused and what is noted of a reading."""
-    refused, noted = [], []
+    refused, noted = list[Told](), list[Told]()
     for trait in TRAITS:
         if told := trait.tell(reading, rows):
             (noted if trait.notes and trait.notes(reading) else refused).append(told)

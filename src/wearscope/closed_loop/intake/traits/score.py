@@ -36,6 +36,8 @@ _JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
+#: Share by which diagonals are larger, of columns that say the same to rounding.
+_HELD = 1e-9
 #: Size of what a coefficient does, over the largest of its term, from which it counts.
 _TOLD = 0.01
 #: Share of a stated payload that may be missing at most; rounding error.
@@ -139,10 +141,12 @@ class Fit:
         at, on = np.flatnonzero(active[:shared]), np.flatnonzero(active[shared:])
         both = w[:, at, shared:-1].transpose(1, 0, 2).reshape(len(at), n * own)[:, on]
         whole = np.eye(len(at)) + w[:, at[:, None], at].sum(axis=0)
+        whole[np.diag_indices(len(at))] *= 1.0 + _HELD
         taken = np.linalg.solve(whole, np.column_stack([both, w[:, at, -1].sum(axis=0)]))
         drives = np.zeros((n, own, n, own))
         drives[range(n), :, range(n)] = w[:, shared:-1, shared:-1]
         a = drives.reshape(n * own, n * own)[on[:, None], on] + np.eye(len(on)) - both.T @ taken[:, :-1]
+        a[np.diag_indices(len(on))] *= 1.0 + _HELD
         b = w[:, shared:-1, -1].ravel()[on] - both.T @ taken[:, -1]
         signed, used, found = self.signed[shared:][on], np.ones(len(on), bool), np.zeros(len(on))
         while True:

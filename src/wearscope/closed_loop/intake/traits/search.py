@@ -65,11 +65,12 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         found = [
             one for start in front for trait in traits for one in _list_readings(few, trait, start, accepted)
         ]
-        ranked = sorted(dict.fromkeys(found), key=few.look)[:_BEAM]
+        ranked = sorted(dict.fromkeys(found), key=lambda one: round(few.look(one)))[:_BEAM]
         ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
-        further = max(models, key=lambda one: one.over(best), default=best)
+        # Of those that are alike, the one that is proposed first.
+        further = max(models, key=lambda one: round(one.over(best)), default=best)
         if further.over(best) > (0.0 if best is stated else NOTE):
             best = further
         elif best is not stated:
