@@ -121,7 +121,8 @@ class Rows:
         """Fold (N,) of each row: runs in turn, or fifths of each where fewer than three count."""
         number, length = np.unique(self.run, return_inverse=True, return_counts=True)[1:]
         counted = [len(np.unique(number[self.counts[:, j]])) for j in self.heard]
-        if min(counted, default=0) > 2:
+        # A payload of some runs must be seen in part of each.
+        if min(counted, default=0) > 2 and self.loaded.all():
             return np.asarray(number % 5)
         start = np.concatenate([[0], np.cumsum(length)[:-1]])
         return np.asarray((np.arange(len(number)) - start[number]) * 5 // length[number])
