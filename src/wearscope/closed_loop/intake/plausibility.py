@@ -65,7 +65,8 @@ def _leave(rows: Rows) -> np.ndarray:
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighed:
     """Readings of all runs together, then of the run that the stated one explains least by itself."""
     declared = prepared.dataset.fields.declared_effects
-    taken: set[str] = {"late tau"} if TIME_DELAY.name in declared else set()
+    stated = Reading.stated(whole.n)
+    taken: dict[str, Reading] = {"late tau": stated} if TIME_DELAY.name in declared else {}
     found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
     most = np.nan_to_num(left).max(axis=1)
     doubtful, worst = np.flatnonzero(most > _DOUBTFUL), int(np.argmax(most))
@@ -75,13 +76,21 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighe
 
 
 def _refuse(
-    prepared: Prepared, own: Rows, taken: set[str], others: np.ndarray, whole: Rows | None = None
+    prepared: Prepared,
+    own: Rows,
+    taken: dict[str, Reading],
+    others: np.ndarray,
+    whole: Rows | None = None,
 ) -> Weighed:
     """Refuse readings that suit some rows and most of the others that are doubted; what is left of them."""
     found = weigh(own, frozenset(taken))
     while (told := _tell(found, own)) is not None:
-        taken.update(told[1])
-        if whole is None or _suits(whole, found.best.reading, others):
+        reading = found.best.reading
+        # What is accepted explains these rows as well.
+        if any(look_at(own, one) >= look_at(own, reading) for one in taken.values()):
+            return Weighed(found.stated, found.stated, [])
+        taken.update(dict.fromkeys(told[1], reading))
+        if whole is None or _suits(whole, reading, others):
             file = "" if whole is None else prepared.runs[int(own.run[0])].file
             prepared.refuse(str(prepared.dataset.folder / file), told[0], *told[1])
         found = weigh(own, frozenset(taken))

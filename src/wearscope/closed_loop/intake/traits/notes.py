@@ -20,6 +20,9 @@ _AWAY, _SURE = 2.0, 2.0
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
+    if PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",):
+        # A payload says the same as a factor of the torques, and can be weighed.
+        found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     noted = tell(reading, rows)[1]
     unsure = tell(reading, rows)[0] if found.best.over(found.stated) > NOTE else []
