@@ -2,8 +2,8 @@
 
 The file is an uncompressed tar (Parquet and PNG are compressed already). Its first member,
 ``MANIFEST.json``, holds the configuration, the versions of code and packages, and size and SHA-256 of every
-file; the second, ``MANIFEST.sha256``, the manifest's own. ``ro-crate-metadata.json`` says the same as an
-RO-Crate, ``config.yaml`` is the configuration. Equal content gives equal bytes.
+file; the second, ``MANIFEST.sha256``, the manifest's own. ``config.yaml`` is the configuration. Equal content
+gives equal bytes.
 
     python -m wearscope.archive verify FILE
     python -m wearscope.archive unpack FILE FOLDER
@@ -17,10 +17,8 @@ import os
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -30,22 +28,18 @@ import yaml
 from wearscope import limits
 from wearscope.archives.code import read_settings, refuse_code
 from wearscope.archives.comparison import list_results
-from wearscope.archives.crate import describe_crate
 from wearscope.archives.manifest import (
     CHECKSUM,
     CONFIG,
-    CRATE,
     FORMAT,
-    KINDS,
     MANIFEST,
     FileEntry,
     Manifest,
     check_names,
-    is_brought,
     parse_manifest,
     show,
 )
-from wearscope.archives.members import as_content, describe_checksum, walk_archive, write_tar
+from wearscope.archives.members import as_content, describe_checksum, extract_archive, walk_archive, write_tar
 from wearscope.checksums import record_checksums
 from wearscope.config import TAKEN, drop_retired
 from wearscope.errors import InputError
@@ -104,22 +98,20 @@ def pack_study(
         if not (folder / name).is_file():
             raise InputError(f"{folder / name}: no such file; run the study to its end before packing it.")
         entries[name] = FileEntry(sha256=digest_file(folder / name), bytes=(folder / name).stat().st_size)
-    date = made["code"]["date"] or _newest([folder / name for name in names])
-    crate = describe_crate(str(config.get("study")), date, made, own, entries)
     fields = {
         "format": FORMAT,
         "study": config.get("study"),
         "config": dict(config),
         **made,
         "inputs": own,
-        "files": {name: entry.model_dump() for name, entry in {CRATE: _describe(crate), **entries}.items()},
+        "files": {name: entry.model_dump() for name, entry in entries.items()},
     }
     text = json.dumps(fields, indent=1).encode()
     manifest = parse_manifest(text, str(path))
     checksum = describe_checksum(text)
 
     def members() -> Iterator[tuple[str, int, Callable[[], IO[bytes]]]]:
-        for name, content in ((MANIFEST, text), (CHECKSUM, checksum), (CRATE, crate), (CONFIG, settings)):
+        for name, content in ((MANIFEST, text), (CHECKSUM, checksum), (CONFIG, settings)):
             yield name, len(content), as_content(content)
         for done, name in enumerate(names, start=1):
             yield name, entries[name].bytes, partial(_open, folder / name)
@@ -156,24 +148,7 @@ def unpack_archive(
         folder.parent.mkdir(parents=True, exist_ok=True)
         staging = tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent)
         place = Path(staging)
-        handles: list[IO[bytes]] = []
-
-        def visit(name: str) -> Callable[[bytes], Any]:
-            while handles:
-                handles.pop().close()
-            if not is_brought(name):
-                return lambda block: None
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            handles.append(open(place / name, "xb"))
-            return handles[-1].write
-
-        try:
-            walk_archive(path, visit)
-        finally:
-            while handles:
-                handles.pop().close()
-        fields = manifest.model_dump(mode="json", exclude_unset=True)
-        write_text(place / MANIFEST, json.dumps(fields, indent=1))
+        extract_archive(path, place)
         prepare(place)
         os.chmod(place, 0o755)
         if folder.exists():
@@ -244,7 +219,7 @@ def _is_as(path: Path, digest: str) -> bool:
 
 
 def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
-    """Make unpacked results such as the workflow's own: with checksums, and none older than another.
+    """Make unpacked results such as the workflow's own: with checksums, and a configuration without code.
 
     Returns
     -------
@@ -258,11 +233,8 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
         write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
     # Logs and timings are no job's output: they are written over without a word.
     left = ("logs/", "benchmarks/")
-    outputs = [name for name in manifest.files if is_brought(name) and not name.startswith(left)]
+    outputs = [name for name in manifest.files if not name.startswith(left)]
     record_checksums(place, [place / name for name in outputs], write=write_new)
-    now = time.time()
-    for file in place.rglob("*"):
-        os.utime(file, (now, now))
     return refused
 
 
@@ -272,11 +244,6 @@ def _open(path: Path) -> IO[bytes]:
 
 def _describe(content: bytes) -> FileEntry:
     return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
-
-
-def _newest(files: list[Path]) -> str:
-    moment = max((file.stat().st_mtime for file in files), default=0.0)
-    return datetime.fromtimestamp(int(moment), UTC).isoformat()
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -305,22 +272,13 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     print(f"{given.file}: study {manifest.study}, {len(manifest.files)} files, every checksum holds")
-    _tell_left_out(manifest)
     return 0
-
-
-def _tell_left_out(manifest: Manifest) -> None:
-    left = [show(name) for name in sorted(manifest.files) if not is_brought(name)]
-    if left:
-        told = f"{len(left)} files are of no kind that is unpacked, such as code: {', '.join(left)}"
-        print(InputError(f"{told}; what is: {', '.join(KINDS)}."))
 
 
 def _tell_restored(
     file: str, manifest: Manifest, folder: Path, refused: list[str], changed: list[str]
 ) -> None:
     print(f"{file}: {len(manifest.files)} files, every checksum holds, in {folder}")
-    _tell_left_out(manifest)
     if refused:
         told = f"{folder / CONFIG}: names code, which is refused ({'; '.join(refused)})"
         print(InputError(f"{told}; read it, and restore with --allow-code to let it run."))

@@ -1,14 +1,9 @@
-"""Parquet tables with units in the column metadata, written whole or not at all, sealed with a checksum.
+"""Parquet tables with units in the column metadata and page checksums, written whole or not at all."""
 
-A sealed file is a plain Parquet file with page checksums. Between its last page and its footer, where no
-reader looks, stand 8 bytes and the SHA-256 of all other bytes: any flipped bit is found, in the footer too.
-"""
-
-import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,12 +18,7 @@ __all__ = [
     "write_arrow", "write_table", "write_text", "write_whole",
 ]  # fmt: skip
 
-#: Says in a file's metadata that it is sealed.
-SEALED = {b"sealed": b"sha256"}
-_MARK = b"WEARSEAL"
 _PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
-#: Bytes that are held at once of a file that is sealed.
-_BLOCK = 1 << 20
 
 
 def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
@@ -73,7 +63,7 @@ def to_array(values: Any) -> Any:
 
 
 def write_arrow(path: str | Path, table: pa.Table, **options: Any) -> None:
-    """Write a sealed Parquet file whole or not at all; equal content gives equal bytes.
+    """Write a Parquet file whole or not at all; equal content gives equal bytes.
 
     Parameters
     ----------
@@ -87,17 +77,11 @@ def write_arrow(path: str | Path, table: pa.Table, **options: Any) -> None:
     InputError
         Where the disk refuses the file; nothing is left behind.
     """
-    table = _mark_sealed(table)
-
-    def write(name: str) -> None:
-        pq.write_table(table, name, **_PARQUET, **options)
-        _seal(name)
-
-    write_whole(path, write)
+    write_whole(path, lambda name: pq.write_table(table, name, **_PARQUET, **options))
 
 
 def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str] | None = None) -> int:
-    """Write one sealed table of parts, each a row group, made one after the other and held one at a time.
+    """Write one table of parts, each a row group, made one after the other and held one at a time.
 
     So memory does not grow with their number, and the rows of one part can be read alone.
     A single part gives the bytes that `write_table` gives.
@@ -129,7 +113,7 @@ def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str]
         writer = None
         try:
             for part in parts:
-                table = _mark_sealed(to_arrow(part, units))
+                table = to_arrow(part, units)
                 if writer is None:
                     writer = pq.ParquetWriter(name, table.schema, **_PARQUET)
                 writer.write_table(table.cast(writer.schema))
@@ -139,7 +123,6 @@ def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str]
                 writer.close()
         if writer is None:
             raise ValueError(f"{path}: no part to join")
-        _seal(name)
 
     write_whole(path, write)
     return rows
@@ -159,9 +142,9 @@ def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None 
 
 
 def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
-    """Read a Parquet file, every byte checked.
+    """Read a Parquet file, its pages checked by their checksums.
 
-    A file without a seal, such as those of release 0.1.0, is read by the checksums of its pages, if any.
+    A changed footer may pass; the checksums of a study (`wearscope.checksums`) find it.
 
     Parameters
     ----------
@@ -174,12 +157,11 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
     Raises
     ------
     DamagedFile
-        Where the file is missing, is no whole Parquet file, or a bit of it has changed.
+        Where the file is missing, is no whole Parquet file, or a page of it has changed.
     """
     path = Path(name if isinstance(source, bytes) else source)
     try:
         content = source if isinstance(source, bytes) else path.read_bytes()
-        sealed = _check_seal(content)
         # Without `pq.read_table`, which imports pandas, as `pyarrow.array` does.
         with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
             table = file.read(columns)
@@ -193,10 +175,6 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
         raise DamagedFile(
             path, f"{path}: not a whole Parquet file ({reason}); delete it and make it again."
         ) from error
-    if sealed is False or (sealed is None and SEALED.items() <= (table.schema.metadata or {}).items()):
-        raise DamagedFile(
-            path, f"{path}: is not what was written (its checksum differs); delete it and make it again."
-        )
     return table
 
 
@@ -331,48 +309,3 @@ def _footer_size(source: Path | bytes) -> int:
             file.seek(-min(8, file.seek(0, os.SEEK_END)), os.SEEK_END)
             end = file.read()
     return int.from_bytes(end[:4], "little") if end[4:] == b"PAR1" else 0
-
-
-def _footer(content: bytes) -> int:
-    """Where the footer of a Parquet file starts; ValueError where it is none."""
-    start = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
-    if len(content) < 12 or content[-4:] != b"PAR1" or start < 4:
-        raise ValueError("its end is missing")
-    return start
-
-
-def _mark_sealed(table: pa.Table) -> pa.Table:
-    return table.replace_schema_metadata({**(table.schema.metadata or {}), **SEALED})
-
-
-def _seal(name: str) -> None:
-    """Put mark and digest before the footer, holding no more than the footer and a block."""
-    with open(name, "r+b") as file:
-        end = file.seek(-8, os.SEEK_END)
-        start = end - int.from_bytes(file.read(4), "little")
-        digest = hashlib.sha256()
-        file.seek(0)
-        for block in _read_blocks(file, start):
-            digest.update(block)
-        footer = file.read()
-        digest.update(footer)
-        file.seek(start)
-        file.write(_MARK + digest.digest() + footer)
-
-
-def _read_blocks(file: IO[bytes], size: int) -> Iterable[bytes]:
-    while size:
-        block = file.read(min(size, _BLOCK))
-        size -= len(block)
-        yield block
-
-
-def _check_seal(content: bytes) -> bool | None:
-    """Whether the seal holds; None where there is none."""
-    footer = _footer(content)
-    start = footer - len(_MARK) - hashlib.sha256().digest_size
-    if start < 4 or content[start : start + len(_MARK)] != _MARK:
-        return None
-    digest = hashlib.sha256(memoryview(content)[:start])
-    digest.update(memoryview(content)[footer:])
-    return digest.digest() == content[start + len(_MARK) : footer]

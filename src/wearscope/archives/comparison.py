@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from wearscope import tables
-from wearscope.archives.manifest import MADE, MANIFEST, Manifest, is_brought, parse_manifest
+from wearscope.archives.manifest import MADE, MANIFEST, Manifest, parse_manifest
 from wearscope.archives.members import read_member, walk_archive
 from wearscope.checksums import SETTINGS, check_shown
 from wearscope.compare import compare_tables
@@ -46,9 +46,8 @@ def list_results(folder: str | Path) -> list[Path]:
     found = []
     for file in sorted(folder.rglob("*")):
         parts = file.relative_to(folder).parts
-        hidden = any(part.startswith(".") for part in parts)
-        brought = not hidden and is_brought("/".join(parts))
-        if brought and parts[0] not in MADE and file.is_file():
+        hidden = any(part[0] in ".-" for part in parts)
+        if not hidden and "__pycache__" not in parts and parts[0] not in MADE and file.is_file():
             found.append(file)
     return found
 

@@ -12,16 +12,11 @@ from wearscope.errors import InputError
 from wearscope.files import load_json
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
-CRATE, CONFIG = "ro-crate-metadata.json", "config.yaml"
-#: Format 1 is that of release 0.1.0: without the crate, the configuration and the manifest's own checksum.
+CONFIG = "config.yaml"
+#: Format 1 is that of release 0.1.0: without the configuration and the manifest's own checksum.
 FORMAT = 2
-#: Made by packing; no file of a study has these names.
-MADE = (MANIFEST, CHECKSUM, CRATE, CONFIG)
-#: Endings of the files that an archive may bring: tables, settings, models, figures, pages, text.
-KINDS = (
-    ".parquet", ".csv", ".tsv", ".json", ".yaml", ".npz", ".tar", ".urdf", ".xml", ".svg", ".png", ".html",
-    ".md", ".txt", ".log",
-)  # fmt: skip
+#: Made by packing; no file of a study has these names. Release 0.2.0 also made the last one.
+MADE = (MANIFEST, CHECKSUM, CONFIG, "ro-crate-metadata.json")
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -127,6 +122,8 @@ def check_names(names: Iterable[str], where: str) -> None:
             reason = "is no plain path"
         elif re.search(r"[\x00-\x1f\x7f-\x9f\\\ud800-\udfff]", name):
             reason = "holds a control character or a backslash"
+        elif any(part[0] in ".-" for part in parts):
+            reason = "is hidden or starts like an option"
         elif len(name.encode()) > limits.PATH or any(len(part.encode()) > 200 for part in parts):
             reason = "is too long"
         elif name in folders:
@@ -135,12 +132,6 @@ def check_names(names: Iterable[str], where: str) -> None:
             reason = "is taken by the archive itself"
         if reason:
             raise InputError(f"{where}: the name {show(name)} {reason}; get the file again.")
-
-
-def is_brought(name: str) -> bool:
-    """Whether a file is of a kind that an archive brings: no code, nothing hidden, no odd name."""
-    odd = any(part[0] in ".-" or part == "__pycache__" for part in name.split("/"))
-    return not odd and name.endswith(KINDS)
 
 
 def show(name: str) -> str:

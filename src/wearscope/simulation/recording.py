@@ -91,7 +91,7 @@ def write_recording(
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of a recording, every byte checked; None where none is whole or it has none."""
+    """Fingerprint of a recording whose pages hold; None where none is whole or it has none."""
     try:
         table = tables.read_arrow(path, list(COLUMNS))
     except tables.DamagedFile:
@@ -117,7 +117,7 @@ def read_recording(
     fingerprint: str | None = None,
     content: bytes | None = None,
 ) -> Recording:
-    """Read a run, every byte checked.
+    """Read a run, its pages checked by their checksums.
 
     Parameters
     ----------

@@ -1,19 +1,17 @@
-"""The page of two results side by side, from tables and verdicts made by hand."""
+"""Two results compared in the terminal, from tables and verdicts made by hand."""
 
 import json
-import re
 
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from reporting.browser import open_page
 
 from wearscope import tables
 from wearscope.archive import pack_study
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
 from wearscope.reporting.page import render_page
-from wearscope.reporting.page_strip import Strip, read_strip
+from wearscope.reporting.page_strip import Strip
 
 
 def call(*arguments):
@@ -39,30 +37,13 @@ def write_loop(folder, errors, named):
     return folder
 
 
-def read_text(page):
-    shown = page.read_text().partition("<h1")[2].partition("</main>")[0]
-    return re.sub(r"<[^>]+>", " ", shown.replace("\N{ZERO WIDTH SPACE}", ""))
-
-
-@pytest.fixture
-def studies(tmp_path):
-    """Two studies of one name, whose best detectors differ, and their page."""
+def test_what_differs_is_said_first(tmp_path):
+    """Two studies of one name are called by their folders."""
     left = write_study(tmp_path / "may" / "arm", {"A": 2.0, "C": 5.5})
     right = write_study(tmp_path / "june" / "arm", {"A": 7.25, "C": 3.0})
-    page = tmp_path / "both.html"
-    outcome = call("compare", left, right, "--page", page)
-    assert outcome.exit_code == 0 and str(page) in outcome.output
-    return page
-
-
-def test_what_differs_is_said_first(studies):
-    text = read_text(studies)
-    assert text.index("C has the highest median SNR in may/arm.") < text.index("7.25")
-    assert "A has the highest median SNR in june/arm." in text
-    assert "2 conclusions and 1 table differ." in text
-    strip = read_strip(studies)
-    assert strip.answer.startswith("C has the highest median SNR in may/arm.") and strip.kind == "unsure"
-    assert strip.caveat == "No setting that both record differs." and strip.action == "See Conclusions."
+    said = call("compare", left, right).output
+    assert said.startswith("C has the highest median SNR in may/arm.\nA has the highest median SNR in june/arm.")
+    assert "2 conclusions and 1 table differ." in said and said.index("differ.") < said.index("7.25")
 
 
 def test_two_answers_are_told_first(tmp_path):
@@ -72,11 +53,9 @@ def test_two_answers_are_told_first(tmp_path):
         shown = render_page("t", [], strip=Strip(f"Use {detector}.", "good", "s", "c", "n"))
         (side / "report.html").write_text(shown)
         (side / ".study.json").write_text(json.dumps({"detectors": {"C": {"use": "friction_fit"}}}))
-    outcome = call("compare", *sides, "--page", tmp_path / "both.html")
+    outcome = call("compare", *sides)
     assert outcome.output.startswith("The answers differ.\nmay: Use C.\njune: Use A.\n")
     assert "Friction fit (C) has the highest median SNR in both." in outcome.output
-    strip = read_strip(tmp_path / "both.html")
-    assert strip.answer == "The answers differ. may: Use C. june: Use A." and strip.kind == "unsure"
     assert call("compare", sides[0], sides[0]).output.startswith("Both answer: Use C.\n")
 
 
@@ -93,61 +72,27 @@ def test_factors_of_conclusions_are_told_by_their_description(tmp_path):
 
 def test_equal_studies_differ_in_nothing(tmp_path):
     left, right = (write_study(tmp_path / name, {"A": 2.0, "C": 5.5}) for name in ("may", "june"))
-    call("compare", left, right, "--page", tmp_path / "both.html")
-    text = read_text(tmp_path / "both.html")
-    assert "C has the highest median SNR in both." in text and "Nothing differs." in text
+    said = call("compare", left, right).output
+    assert "C has the highest median SNR in both." in said and "Nothing differs." in said
 
 
 def test_loops_stand_joint_by_joint(tmp_path):
     left = write_loop(tmp_path / "may", {"a1": 1.5, "a2": 2.0}, [("a1", "stribeck"), ("a2", "backlash")])
     right = write_loop(tmp_path / "june", {"a1": 1.25, "a2": 2.5}, [("a1", "stribeck")])
-    call("compare", left, right, "--page", tmp_path / "both.html")
-    text = read_text(tmp_path / "both.html")
-    assert "a2: backlash in may only." in text and "a1:" not in text
-    assert "1.25" in text and "nothing" in text
-
-
-def test_without_a_page_none_is_written_and_none_is_opened(tmp_path):
-    left, right = (write_study(tmp_path / name, {"A": 2.0}) for name in ("may", "june"))
-    call("compare", left, right)
-    assert not list(tmp_path.glob("*.html"))
-    with pytest.raises(ValueError, match="say where it goes with --page FILE"):
-        call("compare", left, right, "--open")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width, scheme", [(1280, "light"), (390, "dark")])
-def test_its_chart_shows_the_files_numbers(browser, studies, width, scheme):
-    with open_page(browser, studies, width, scheme) as page:
-        assert page.locator("figure.chart .view svg").count() == 1
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        rows = pd.DataFrame(page.evaluate("wearscope.rows('sides-chart')"))
-        found = rows.set_index(["side", "thing"])["value"].to_dict()
-        assert found == {
-            ("may/arm", "C"): 5.5,
-            ("may/arm", "A"): 2.0,
-            ("june/arm", "A"): 7.25,
-            ("june/arm", "C"): 3.0,
-        }
+    said = call("compare", left, right).output
+    assert "a2: backlash in may only." in said and "a1:" not in said and "1.25" in said
 
 
 def test_settings_that_folders_record_are_compared(tmp_path):
     """A folder that records none differs in none; what only one concludes is counted, not told as changed."""
     left = write_study(tmp_path / "may", {"A": 2.0, "C": 5.5})
     right = write_study(tmp_path / "june", {"A": 2.0})
-    page = tmp_path / "both.html"
     (left / ".study.json").write_text(json.dumps({"seed": 1, "snr": {"delta": 0.5, "f0": 2.0}}))
-    outcome = call("compare", left, right, "--page", page)
-    assert "1 conclusion in may only." in outcome.output and "none" not in outcome.output
-    assert read_strip(page).caveat == "No setting that both record differs."
+    said = call("compare", left, right).output
+    assert "1 conclusion in may only." in said and "none" not in said and "setting" not in said
     (right / ".study.json").write_text(json.dumps({"seed": 1, "snr": {"delta": 0.75, "f0": 2.0}}))
-    call("compare", left, right, "--page", page)
-    text = read_text(page)
-    assert (
-        read_strip(page).caveat.startswith("1 setting differs")
-        and "snr.delta" in text
-        and "0.5 against 0.75" in text
-    )
+    said = call("compare", left, right, "--all").output
+    assert "1 setting" in said and "snr.delta" in said and "0.5 against 0.75" in said
     (right / ".study.json").write_text("[]")
     with pytest.raises(InputError, match="holds no settings"):
         call("compare", left, right)
