@@ -26,7 +26,7 @@ import pandas as pd
 import yaml
 from large_studies import ROOT
 
-from wearscope import tables
+from wearscope.storage import tables
 
 
 def take_robots(source: Path, target: Path, robots: int) -> None:

@@ -6,7 +6,8 @@ import tarfile
 
 import pandas as pd
 
-from wearscope import archive, tables
+from wearscope import archive
+from wearscope.storage import tables
 
 #: Represents the code that made a study.
 CODE = [__file__]

@@ -35,7 +35,7 @@ REFERENCE = {
         "wearscope.evaluation.scope",
         "wearscope.evaluation.scope_exact", "wearscope.evaluation.scope_kde",
     ],
-    "Tables and errors": ["wearscope.tables", "wearscope.errors"],
+    "Tables and errors": ["wearscope.storage.tables", "wearscope.errors"],
 }  # fmt: skip
 
 

@@ -40,12 +40,19 @@ from wearscope.archives.manifest import (
     show,
 )
 from wearscope.archives.members import as_content, describe_checksum, extract_archive, walk_archive, write_tar
-from wearscope.checksums import record_checksums
 from wearscope.config import TAKEN, drop_retired
 from wearscope.errors import InputError
-from wearscope.files import check_plain, digest_file, explain_unwritten, write_new, write_text, write_whole
 from wearscope.processes import end_process
-from wearscope.provenance import describe_provenance
+from wearscope.storage.checksums import record_checksums
+from wearscope.storage.files import (
+    check_plain,
+    digest_file,
+    explain_unwritten,
+    write_new,
+    write_text,
+    write_whole,
+)
+from wearscope.storage.provenance import describe_provenance
 
 __all__ = ["list_results", "main", "pack_study", "restore_archive", "unpack_archive", "walk_archive"]
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.closed_loop.diagnostics.forward import (
     make_reference,
     mean_temperature,
@@ -27,6 +26,7 @@ from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.simulation.errors import SimulationError
+from wearscope.storage import tables
 
 #: Lengths of a rollout [s]; most rollouts of one recording.
 HORIZONS = (0.1, 0.5, 2.0)

@@ -12,7 +12,6 @@ import yaml
 from wearscope.closed_loop.intake.data_folder import find_inside, list_named
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 from wearscope.errors import InputError
-from wearscope.plain_yaml import take_label
 from wearscope.robots.model_file import (
     Allowed,
     check_code,
@@ -22,6 +21,7 @@ from wearscope.robots.model_file import (
     read_model_file,
 )
 from wearscope.sources import plugin_file
+from wearscope.storage.plain_yaml import take_label
 
 _BRACES = re.compile(r"[{}\n]")
 

@@ -9,10 +9,10 @@ import pandas as pd
 import yaml
 from markupsafe import escape
 
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.errors import InputError
-from wearscope.files import read_json
+from wearscope.storage import tables
+from wearscope.storage.files import read_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ from wearscope.notebook.results import (
     TrackingResult,
 )
 from wearscope.notebook.taken import take_recordings
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 URDF = wearscope.example_dataset() / "robot.urdf"
 JOINTS = ["axis_1", "axis_2", "axis_3"]

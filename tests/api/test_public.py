@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import wearscope
-from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.errors import InputError, escape_text
 from wearscope.extras import EXTRAS, need
+from wearscope.storage import tables
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from wearscope import tables
 from wearscope.cli.main import COMMANDS, main, wearscope
 from wearscope.cli.new import KINDS
+from wearscope.storage import tables
 
 
 def call(*arguments):

@@ -6,12 +6,12 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from wearscope import tables
 from wearscope.archive import pack_study
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
 from wearscope.reporting.page import render_page
 from wearscope.reporting.page_strip import Strip
+from wearscope.storage import tables
 
 
 def call(*arguments):
@@ -42,7 +42,9 @@ def test_what_differs_is_said_first(tmp_path):
     left = write_study(tmp_path / "may" / "arm", {"A": 2.0, "C": 5.5})
     right = write_study(tmp_path / "june" / "arm", {"A": 7.25, "C": 3.0})
     said = call("compare", left, right).output
-    assert said.startswith("C has the highest median SNR in may/arm.\nA has the highest median SNR in june/arm.")
+    assert said.startswith(
+        "C has the highest median SNR in may/arm.\nA has the highest median SNR in june/arm."
+    )
     assert "2 conclusions and 1 table differ." in said and said.index("differ.") < said.index("7.25")
 
 

@@ -50,19 +50,20 @@ def test_a_place_that_is_refused_gets_a_sentence(place, line):
 
 
 @pytest.mark.parametrize("closed", [(0,), (1,), (2,), (1, 2), (0, 1, 2)])
-def test_streams_that_are_closed_change_nothing(place, closed):
+def test_streams_that_are_closed_change_nothing(place, closed, tmp_path):
     """A file that is opened next would be the standard output, which libraries write to."""
 
     def close():
         for handle in closed:
             os.close(handle)
 
-    assert run(place, "new detector open").returncode == 0
-    wanted = (place / "open.py").read_bytes()
-    (place / "open.py").unlink()
-    done = run(place, "new detector open", preexec_fn=close)
-    assert done.returncode == 0 and "Traceback" not in done.stderr
-    assert (place / "open.py").read_bytes() == wanted
+    for name, options in (("open", {}), ("closed", {"preexec_fn": close})):
+        done = run(place, f"new detector own --in {tmp_path / name}", **options)
+        assert done.returncode == 0 and "Traceback" not in done.stderr
+    written, wanted = (
+        {file.name: file.read_bytes() for file in (tmp_path / one).iterdir()} for one in ("closed", "open")
+    )
+    assert written == wanted
 
 
 def test_a_reader_that_leaves_is_no_defect(place):

@@ -7,9 +7,9 @@ from click.testing import CliRunner
 from hostile.samples import write_loop
 
 from wearscope import integrity
-from wearscope.checksums import record_checksums
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
+from wearscope.storage.checksums import record_checksums
 
 
 @pytest.fixture

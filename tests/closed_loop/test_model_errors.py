@@ -90,7 +90,7 @@ def test_model_of_other_joints_is_refused(recorded):
 
 
 def test_tables_keep_their_units(right, tmp_path):
-    from wearscope import tables
+    from wearscope.storage import tables
 
     right.write(tmp_path)
     assert tables.read_units(tmp_path / "torque_errors.parquet")["error_percent"] == "%"

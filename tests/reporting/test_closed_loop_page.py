@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import tables
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
@@ -21,6 +20,7 @@ from wearscope.reporting.closed_loop import (
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip, render_parameters
 from wearscope.reporting.loop_words import conclude_loop
+from wearscope.storage import tables
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.reporting.tracking_page import (
     Tracking,
@@ -18,6 +17,7 @@ from wearscope.reporting.tracking_page import (
     trend_table,
     write_tracking_page,
 )
+from wearscope.storage import tables
 
 ENTRY = {
     "joint": "a", "effect": "coulomb", "parameter": "level", "change": 0.6, "ci95": [0.4, 0.8],

@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from wearscope import tables
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
@@ -27,6 +26,7 @@ from wearscope.simulation.study import (
     simulate_point,
     simulate_points,
 )
+from wearscope.storage import tables
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 

@@ -9,10 +9,11 @@ import pytest
 import yaml
 from archive_making import CODE, make_study, pack
 
-from wearscope import archive, tables
+from wearscope import archive
 from wearscope.archives.comparison import Content, compare_contents
 from wearscope.config import drop_retired, load_config
 from wearscope.errors import InputError
+from wearscope.storage import tables
 
 
 def test_manifest_says_what_was_run(tmp_path):

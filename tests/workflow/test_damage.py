@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import files, tables
-from wearscope.checksums import check_file, record_checksums
 from wearscope.errors import InputError
 from wearscope.simulation.recording import Recording, read_fingerprint, read_recording, write_recording
+from wearscope.storage import files, tables
+from wearscope.storage.checksums import check_file, record_checksums
 
 
 def flip(content: bytes, bit: int) -> bytes:
@@ -105,7 +105,7 @@ def test_recording_of_another_point_is_refused(recording):
 
 def test_killed_writer_s_file_is_cleared_by_the_next_write_and_nothing_else(tmp_path):
     writer = (
-        "import os, signal, sys; from wearscope.tables import write_whole\n"
+        "import os, signal, sys; from wearscope.storage.tables import write_whole\n"
         "write_whole(sys.argv[1], lambda name: os.kill(os.getpid(), signal.SIGKILL))"
     )
     target = tmp_path / "r2.parquet"

@@ -22,12 +22,12 @@ from wearscope.cli.workflow import read_setting
 from wearscope.config import load_config
 from wearscope.errors import InputError, explain_yaml
 from wearscope.export.run import list_parameters
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model import check_effects, load_model
 from wearscope.robots.model_file import list_effects, read_model_file
 from wearscope.robots.urdf import normalise_urdf
 from wearscope.simulation.feasibility import check_robot
-from wearscope.verdicts import read_verdict
+from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.verdicts import read_verdict
 
 ROOT = Path(__file__).parents[2]
 RELEASE = Path(__file__).parent / "archives" / "release-0.1.0.tar"

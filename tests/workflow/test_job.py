@@ -14,8 +14,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from wearscope import checksums, processes, tables
+from wearscope import processes
 from wearscope.errors import InputError
+from wearscope.storage import checksums, tables
 
 _SPEC = importlib.util.spec_from_file_location(
     "workflow_job", Path(__file__).parents[2] / "workflow" / "scripts" / "job.py"

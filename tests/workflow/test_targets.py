@@ -9,9 +9,9 @@ import yaml
 from clones import ROOT, TINY, run, run_well, stale
 from plain_robot import write_plain_robot
 
-from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.named_files import NamedDataSet
+from wearscope.storage import tables
 
 
 @pytest.mark.parametrize(

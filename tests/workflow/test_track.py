@@ -10,8 +10,8 @@ import pytest
 import yaml
 from session_machine import write_machine
 
-from wearscope import tables
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 pytestmark = pytest.mark.slow
 DAYS = [{"temperature": x} for x in (28.0, 42.0, 35.0)] + [{"temperature": 40.0}, {"wear": 0.2}]

@@ -35,7 +35,7 @@ from wearscope.cli.workflow import wait_turn
 from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
-from wearscope.files import check_folder
+from wearscope.storage.files import check_folder
 from wearscope.named_files import NamedDataSet, NamedRobot
 from wearscope.planning import Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed

@@ -11,10 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from wearscope.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
 from wearscope.errors import InputError
-from wearscope.files import FULL, DamagedFile, explain_unwritten, open_new, written
 from wearscope.processes import MAIN, end_with, ignore_settings_here, leave_with
+from wearscope.storage.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
+from wearscope.storage.files import FULL, DamagedFile, explain_unwritten, open_new, written
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
 # the interpreter ends, takes a fifth of a short job's time.

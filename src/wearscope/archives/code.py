@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from wearscope.errors import InputError, explain_yaml
-from wearscope.plain_yaml import load_plain_yaml
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 #: Put before the path of code, so that the configuration is refused until the user has written it again.
 REFUSED = "refused, read it first: "

@@ -6,14 +6,14 @@ from typing import Any
 
 import pandas as pd
 
-from wearscope import tables
 from wearscope.archives.manifest import MADE, MANIFEST, Manifest, parse_manifest
 from wearscope.archives.members import read_member, walk_archive
-from wearscope.checksums import SETTINGS, check_shown
 from wearscope.compare import compare_tables
 from wearscope.errors import InputError
-from wearscope.files import digest_file, load_json
-from wearscope.verdicts import check_verdict
+from wearscope.storage import tables
+from wearscope.storage.checksums import SETTINGS, check_shown
+from wearscope.storage.files import digest_file, load_json
+from wearscope.storage.verdicts import check_verdict
 
 
 def _tell_rank(row: Mapping[str, Any]) -> str:

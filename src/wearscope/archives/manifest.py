@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import load_json
+from wearscope.storage.files import load_json
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
 CONFIG = "config.yaml"

@@ -21,6 +21,7 @@ _TOLD = 5
 #: What a conclusion is of, by the table that has it.
 _TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
 
+
 @click.command()
 @click.argument("a")
 @click.argument("b")
@@ -120,7 +121,7 @@ def _compare_loops(left: Path, right: Path) -> None:
     """Show both joint by joint."""
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import effect_name
-    from wearscope.verdicts import read_verdict
+    from wearscope.storage.verdicts import read_verdict
 
     verdicts = [read_verdict(one / "verdict.json") for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
@@ -189,7 +190,9 @@ def _tell_studies(
     return [*told, f"{join_words(counts)} {verb}." if counts else "Nothing differs."]
 
 
-def _tell_loops(names: tuple[str, str], left: Mapping[str, list[str]], right: Mapping[str, list[str]]) -> list[str]:
+def _tell_loops(
+    names: tuple[str, str], left: Mapping[str, list[str]], right: Mapping[str, list[str]]
+) -> list[str]:
     """What two verdicts name differently, a sentence for the joints with the same difference."""
     from wearscope.reporting.labels import effect_name, join_words
 

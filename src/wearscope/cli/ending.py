@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from wearscope.checksums import check_answer
 from wearscope.cli.progress import format_seconds
 from wearscope.cli.say import say
 from wearscope.cli.workflow import Progress, explain_failure
-from wearscope.files import DamagedFile
+from wearscope.storage.checksums import check_answer
+from wearscope.storage.files import DamagedFile
 
 
 def shorten(path: Path) -> str:

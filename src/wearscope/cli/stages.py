@@ -33,7 +33,7 @@ from wearscope.cli.workflow import (
     wait_turn,
 )
 from wearscope.errors import InputError
-from wearscope.files import check_folder, read_json
+from wearscope.storage.files import check_folder, read_json
 
 
 def run_targets(

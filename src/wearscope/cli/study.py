@@ -15,10 +15,10 @@ import yaml
 
 from wearscope.cli.say import say
 from wearscope.errors import InputError, escape_text, explain_yaml
-from wearscope.files import digest_file, read_json, write_text
 from wearscope.home import find_home
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
+from wearscope.storage.files import digest_file, read_json, write_text
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 #: What of `allow_code` allows nothing.
 _FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")

@@ -7,10 +7,11 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from wearscope import limits, tables
+from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import load_json
 from wearscope.processes import bound_memory
+from wearscope.storage import tables
+from wearscope.storage.files import load_json
 
 
 def format_value(value: Any) -> str:

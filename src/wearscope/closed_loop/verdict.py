@@ -20,7 +20,7 @@ from wearscope.closed_loop.model.prediction import (
     rms,
 )
 from wearscope.closed_loop.speed_torque import list_speed_torques
-from wearscope.provenance import read_commit
+from wearscope.storage.provenance import read_commit
 
 _SEED = 7
 #: Standard deviations a priori from which a link is far from its description.

@@ -309,6 +309,6 @@ class EvaluationResult(Shown):
 
 def read_changes(folder: str | Path) -> pd.DataFrame:
     """``changes.parquet`` of a tracking."""
-    from wearscope.tables import read_table
+    from wearscope.storage.tables import read_table
 
     return read_table(Path(folder) / "changes.parquet")

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, offset, rows, symlog, tint, tips
 from wearscope.reporting.detection import (
@@ -32,6 +31,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
+from wearscope.storage import tables
 
 _BADGES = {
     "alarm": "bad",

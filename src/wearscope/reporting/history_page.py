@@ -16,15 +16,16 @@ import pyarrow as pa
 from markupsafe import Markup
 from pydantic import TypeAdapter
 
-from wearscope import limits, tables
-from wearscope.checksums import ANSWERS, SETTINGS, check_answer
-from wearscope.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope import limits
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text, read_detector_names
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
-from wearscope.verdicts import read_verdict
+from wearscope.storage import tables
+from wearscope.storage.checksums import ANSWERS, SETTINGS, check_answer
+from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope.storage.verdicts import read_verdict
 
 #: Where a folder of results keeps its answers, those of earlier runs too.
 KEPT = "history.jsonl"

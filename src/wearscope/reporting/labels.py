@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from wearscope.files import load_json
+from wearscope.storage.files import load_json
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor

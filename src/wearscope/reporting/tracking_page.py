@@ -9,7 +9,6 @@ import altair as alt
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
@@ -35,6 +34,7 @@ from wearscope.reporting.page import (
     render_table,
 )
 from wearscope.reporting.page_strip import Strip
+from wearscope.storage import tables
 
 _OPEN = "changed, cause not told"
 _STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}

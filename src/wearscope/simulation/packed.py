@@ -6,7 +6,7 @@ import tarfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from wearscope.files import DamagedFile, write_whole
+from wearscope.storage.files import DamagedFile, write_whole
 
 #: A recording as its member is called.
 MEMBER = re.compile(r"point=(\d+)/recording\.parquet")

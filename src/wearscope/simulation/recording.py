@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
+from wearscope.storage import tables
 
 COLUMNS = ("t", "joint", "q", "qd", "tau")
 
@@ -141,6 +141,8 @@ def read_recording(
         raise tables.DamagedFile(
             path, f"{path}: is the recording of another point or setting; delete it and simulate it again."
         )
+    if table.column("joint").type != pa.dictionary(pa.int32(), pa.string()):
+        raise tables.DamagedFile(path, f"{path}: holds no names of joints; delete it and simulate it again.")
     column = table.column("joint").combine_chunks()
     if isinstance(column, pa.ChunkedArray):
         column = column.chunk(0)

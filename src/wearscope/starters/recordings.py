@@ -18,13 +18,13 @@ import pyarrow.parquet as pq
 from wearscope import limits
 from wearscope.errors import InputError, escape_text
 from wearscope.extras import need
-from wearscope.files import check_plain
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states
 from wearscope.starters.text_files import read_text
-from wearscope.tables import check_unpacked, to_frame
+from wearscope.storage.files import check_plain
+from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.tables import check_unpacked, to_frame
 
 _BROKEN = (OSError, EOFError, ValueError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile)
 #: Message type of joint states.

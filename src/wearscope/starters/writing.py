@@ -12,7 +12,7 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wearscope.errors import InputError
-from wearscope.files import FULL, explain_unwritten
+from wearscope.storage.files import FULL, explain_unwritten
 
 _TEMPLATES = Environment(
     loader=PackageLoader("wearscope.starters"), undefined=StrictUndefined, keep_trailing_newline=True

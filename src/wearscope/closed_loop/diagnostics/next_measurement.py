@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from wearscope import tables
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.plan import (
     DWELL,
@@ -31,6 +30,7 @@ from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.storage import tables
 
 #: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
 #: limits, and this many times as fast as the recorded ones.

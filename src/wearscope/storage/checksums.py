@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from wearscope import limits
-from wearscope.files import DamagedFile, check_plain, digest_file, set_aside, write_text
+from wearscope.storage.files import DamagedFile, check_plain, digest_file, set_aside, write_text
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
@@ -41,7 +41,7 @@ def record_checksums(
     made_with : path-like
         Output of a rule whose job wrote them, where they are no outputs themselves.
     write : callable
-        Writes a text file; in a folder that nothing else writes to, `wearscope.files.write_new` is faster.
+        Writes a text file; `wearscope.storage.files.write_new` is faster in a folder that only one writes to.
     """
     for file in map(Path, files):
         name = file.relative_to(folder).as_posix()

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wearscope import limits
-from wearscope.checksums import check_shown
 from wearscope.errors import InputError
-from wearscope.files import read_json
+from wearscope.storage.checksums import check_shown
+from wearscope.storage.files import read_json
 
 
 def _refuse_text(value: Any) -> Any:

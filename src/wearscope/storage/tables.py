@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile, write_text, write_whole
+from wearscope.storage.files import DamagedFile, write_text, write_whole
 
 __all__ = [
     "DamagedFile", "Parts", "join_tables", "read_arrow", "read_table", "read_units", "to_array", "to_arrow",
@@ -144,7 +144,7 @@ def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None 
 def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
     """Read a Parquet file, its pages checked by their checksums.
 
-    A changed footer may pass; the checksums of a study (`wearscope.checksums`) find it.
+    A changed footer may pass; the checksums of a study (`wearscope.storage.checksums`) find it.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from wearscope.files import digest_file
 from wearscope.home import find_home
+from wearscope.storage.files import digest_file
 
 
 def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
