@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from wearscope.archive import pack_study
+from wearscope.archive.packing import pack_study
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
 from wearscope.reporting.page import render_page

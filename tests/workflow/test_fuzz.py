@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from hypothesis import strategies as st
 from mutations import changed_bytes, changed_trees, try_many
 
-from wearscope.archive import walk_archive
+from wearscope.archive.packing import walk_archive
 from wearscope.cli.main import wearscope
 from wearscope.cli.workflow import read_setting
 from wearscope.config import load_config

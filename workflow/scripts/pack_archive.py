@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from job import run_job
-from wearscope.archive import list_results, pack_study
+from wearscope.archive.comparison import list_results
+from wearscope.archive.packing import pack_study
 from wearscope.integrity import find_damage
 from wearscope.storage.provenance import list_platform_files
 

@@ -14,7 +14,7 @@ from wearscope.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wearscope.archives.comparison import Content
+    from wearscope.archive.comparison import Content
 
 #: Conclusions that are told in sentences.
 _TOLD = 5
@@ -70,7 +70,7 @@ def _find(place: str) -> Path:
 
 def _compare_studies(left: Path, right: Path, everything: bool) -> None:
     """Show what differs."""
-    from wearscope.archives.comparison import Content, compare_contents
+    from wearscope.archive.comparison import Content, compare_contents
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import detector_name
 

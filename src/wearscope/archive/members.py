@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from wearscope import limits
-from wearscope.archives.manifest import (
+from wearscope.archive.manifest import (
     CHECKSUM,
     MANIFEST,
     FileEntry,
