@@ -11,7 +11,7 @@ import wearscope
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
-from wearscope.model_errors import ModelErrors
+from wearscope.notebook.model_errors import ModelErrors
 from wearscope.notebook.results import (
     DetectionResult,
     DiagnosisResult,

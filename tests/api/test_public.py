@@ -13,8 +13,7 @@ import pytest
 
 import wearscope
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.errors import InputError, escape_text
-from wearscope.extras import EXTRAS, need
+from wearscope.errors import EXTRAS, InputError, escape_text, need
 from wearscope.storage import tables
 
 
@@ -73,7 +72,9 @@ def test_every_public_name_is_there():
         _ = wearscope.nothing
 
 
-@pytest.mark.parametrize("module", ["wearscope", "wearscope.study", "wearscope.one_run", "wearscope.example"])
+@pytest.mark.parametrize(
+    "module", ["wearscope", "wearscope.notebook.study", "wearscope.notebook.one_run", "wearscope.home"]
+)
 def test_examples_run(module, place, monkeypatch):
     monkeypatch.chdir(place)
     failed, tried = doctest.testmod(importlib.import_module(module))

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.model_errors import evaluate_model
+from wearscope.notebook.model_errors import evaluate_model
 from wearscope.robots.model import make_model
 
 INERTIA, COULOMB, VISCOUS = [1.5, 0.6], [6.0, 3.0], [4.0, 2.0]

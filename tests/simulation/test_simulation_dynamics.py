@@ -9,6 +9,7 @@ import pytest
 
 from wearscope.effects.base import Plant
 from wearscope.errors import InputError
+from wearscope.jobs.sources import find_sources
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
 from wearscope.robots.urdf_file import parse_urdf, write_link
@@ -20,7 +21,6 @@ from wearscope.simulation.dynamics import make_scratch, mass_and_bias
 from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.run import _check_tracking, _compare, run_motion
 from wearscope.simulation.world import World, prove_world
-from wearscope.sources import find_sources
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 

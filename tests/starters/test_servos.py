@@ -19,7 +19,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
-from wearscope.servos import read_servos
+from wearscope.robots.servos import read_servos
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped

@@ -16,7 +16,7 @@ import clones
 import pandas as pd
 import pytest
 
-from wearscope.example import example_dataset
+from wearscope.home import example_dataset
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from wearscope.config import load_config
-from wearscope.planning import Plan
-from wearscope.sources import find_script_sources
+from wearscope.jobs.planning import Plan
+from wearscope.jobs.sources import find_script_sources
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,7 +1,7 @@
 import ast
 from pathlib import Path
 
-from wearscope import sources
+from wearscope.jobs import sources
 
 
 def test_imports_are_followed_and_only_they(tmp_path):

@@ -10,7 +10,7 @@ from clones import ROOT, TINY, run, run_well, stale
 from plain_robot import write_plain_robot
 
 from wearscope.errors import InputError
-from wearscope.named_files import NamedDataSet
+from wearscope.jobs.named_files import NamedDataSet
 from wearscope.storage import tables
 
 

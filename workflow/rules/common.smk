@@ -36,11 +36,11 @@ from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label, load_config
 from wearscope.errors import InputError
 from wearscope.storage.files import check_folder
-from wearscope.named_files import NamedDataSet, NamedRobot
-from wearscope.planning import Plan
+from wearscope.jobs.named_files import NamedDataSet, NamedRobot
+from wearscope.jobs.planning import Plan
 from wearscope.plugins import identify_installed, is_built_in, list_installed
-from wearscope.sources import ROOT as PACKAGE
-from wearscope.sources import find_script_sources, plugin_file
+from wearscope.jobs.sources import ROOT as PACKAGE
+from wearscope.jobs.sources import find_script_sources, plugin_file
 from wearscope.tracking.session_names import name_sessions
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.

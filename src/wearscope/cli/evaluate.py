@@ -8,7 +8,7 @@ import click
 from wearscope.cli.say import say
 
 if TYPE_CHECKING:
-    from wearscope.model_errors import ModelErrors
+    from wearscope.notebook.model_errors import ModelErrors
 
 
 @click.command()
@@ -31,7 +31,7 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
     """
     from wearscope.cli.show import print_table
     from wearscope.cli.tables import format_value
-    from wearscope.model_errors import evaluate_model
+    from wearscope.notebook.model_errors import evaluate_model
     from wearscope.reporting.page import interval_text
     from wearscope.robots.model import load_model
 

@@ -12,8 +12,8 @@ import pandas as pd
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import load_effect
+from wearscope.errors import need
 from wearscope.export.holdings import FORMATS, take_holdings
-from wearscope.extras import need
 from wearscope.robots.model import RobotModel
 from wearscope.storage import tables
 from wearscope.storage.verdicts import read_verdict

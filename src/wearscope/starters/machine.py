@@ -13,8 +13,7 @@ import numpy as np
 import yaml
 
 from wearscope.cycles.base import load_cycle
-from wearscope.example import example_dataset
-from wearscope.home import find_home
+from wearscope.home import example_dataset, find_home
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.sensors import seed_of

@@ -16,8 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wearscope import limits
-from wearscope.errors import InputError, escape_text
-from wearscope.extras import need
+from wearscope.errors import InputError, escape_text, need
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states

@@ -8,7 +8,7 @@ from pathlib import Path
 from wearscope.plugins import installed_file
 
 PACKAGE = "wearscope"
-ROOT = Path(__file__).parent
+ROOT = Path(__file__).parents[1]
 #: An import of this package, wherever a line may begin. To parse the files would take a fifth of an idle run.
 IMPORT = re.compile(
     rf"^\s*(?:from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n;]+)|import ([^\n;]*\b{PACKAGE}\b[^\n;]*))",

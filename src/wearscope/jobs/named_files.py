@@ -12,6 +12,7 @@ import yaml
 from wearscope.closed_loop.intake.data_folder import find_inside, list_named
 from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 from wearscope.errors import InputError
+from wearscope.jobs.sources import plugin_file
 from wearscope.robots.model_file import (
     Allowed,
     check_code,
@@ -20,7 +21,6 @@ from wearscope.robots.model_file import (
     locate_effect,
     read_model_file,
 )
-from wearscope.sources import plugin_file
 from wearscope.storage.plain_yaml import take_label
 
 _BRACES = re.compile(r"[{}\n]")

@@ -1,4 +1,4 @@
-"""What studies run, compiled ahead: ``python -m wearscope.compiled``, the last step of the set-up.
+"""What studies run, compiled ahead: ``python -m wearscope.jobs.compiled``, the last step of the set-up.
 
 Numba compiles a function when it is first called and keeps what it made next to the source, until that
 changes. Here all that a study compiles is called once, on as little as will do, so that none waits for it.
