@@ -63,11 +63,11 @@ rule close_demonstration:
         dataset=rules.record_demonstration.output.dataset,
         urdf=rules.record_demonstration.output.urdf,
         runs=rules.record_demonstration.output.runs,
-        effects=own_effects(),
+        effects=FILES.own_effects(),
         code=lambda w: code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
-        drawn_files(TWIN),
+        PLAN.drawn_files(TWIN, "before", "after"),
     log:
         f"{R}/logs/close_demonstration.log",
     priority: 1
@@ -111,11 +111,11 @@ if STUDY.dataset is not None:
     rule close_loop:
         input:
             **DATASET_INPUTS,
-            effects=own_effects(),
+            effects=FILES.own_effects(),
             code=code("close_loop", *effect_files()),
         output:
             LOOP,
-            drawn_files(LOOP_FOLDER),
+            PLAN.drawn_files(LOOP_FOLDER, "before", "after"),
         log:
             f"{LOOP_FOLDER}/close_loop.log",
         conda:

@@ -1,3 +1,13 @@
+def reevaluated_models(wildcards):
+    """Model files that a reevaluation starts from, and the robot that lends."""
+    references = [*RE_SOURCES.values()]
+    if STUDY.reevaluate.carry_over is not None:
+        references.append(STUDY.reevaluate.carry_over.source)
+    made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
+    files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
+    return sorted(files)
+
+
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
     f"{PACKAGE}/demonstration/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
@@ -11,7 +21,7 @@ else:
     PAIRS = {
         side: [
             f"{LOOP_FOLDER}/model_{side}.yaml",
-            *(f"{LOOP_FOLDER}/{drawn_path(side, k + 1)}" for k in range(STUDY.reevaluate.draws)),
+            *PLAN.drawn_files(LOOP_FOLDER, side),
         ]
         for side in ("before", "after")
     }

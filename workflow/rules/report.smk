@@ -1,3 +1,18 @@
+def figure_files(names):
+    """SVG files, with caption and category for `snakemake --report`, and PNG files of some figures."""
+    files = {}
+    for name in names:
+        caption = "scope" if name in PLAN.scope_figures else name
+        files[f"{name}_svg"] = report(
+            f"{R}/figures/{name}.svg",
+            caption=f"../report/{caption}.rst",
+            category=PLAN.categories[name],
+            labels={"figure": name.replace("_", " ")},
+        )
+        files[f"{name}_png"] = f"{R}/figures/{name}.png"
+    return files
+
+
 # What a page tells of the configuration: not what else was asked for in addition to the study.
 REPORTED = {key: value for key, value in config.items() if key != "dataset"}
 # The demonstration's twin is the medium robot: in another robot's study it has no place.
@@ -7,17 +22,17 @@ TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.ro
 rule report:
     input:
         f"{R}/report.html",
-        [f"{R}/figures/{name}.svg" for name in FIGURES],
+        [f"{R}/figures/{name}.svg" for name in PLAN.figures],
         [f"{R}/{table}.parquet" for table in [*JOINED_TABLES, "scope", "test_quantities"]]
         if PARTITIONS
         else f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
-        [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
+        [*REEVALUATION, f"{RE}/report.html"] if PLAN.reevaluates else [],
 
 
 rule figures:
     input:
-        expand(f"{R}/figures/{{name}}.{{kind}}", name=FIGURES, kind=["svg", "png"]),
+        expand(f"{R}/figures/{{name}}.{{kind}}", name=PLAN.figures, kind=["svg", "png"]),
 
 
 rule describe_robots:
@@ -116,7 +131,7 @@ rule write_report:
         screening=SCREENINGS,
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
-        direct=DIRECT_TABLES[0] if DIRECT else [],
+        direct=DIRECT_TABLES[0] if PLAN.compares_direct else [],
         mismatch=MISMATCH_TABLES[0] if MISMATCH else [],
         conclusion=f"{R}/conclusion.json",
         thresholds=f"{R}/thresholds.parquet",
@@ -131,8 +146,8 @@ rule write_report:
             *(LOOP[:1] if STUDY.dataset is not None else []),
         ],
         truth=rules.record_demonstration.output.truth if TELLS_DEMONSTRATION else [],
-        reevaluation=REEVALUATION if REEVALUATED else [],
-        after=f"{RE}/models/after.yaml" if REEVALUATED else [],
+        reevaluation=REEVALUATION if PLAN.reevaluates else [],
+        after=f"{RE}/models/after.yaml" if PLAN.reevaluates else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=lambda w: code("write_report", *detector_files()),
         style=REPORT_FILES,

@@ -1,3 +1,9 @@
+def recordings_of(sets, chunk="0"):
+    """Files of a chunk's recordings, by set, where they are packed; temporary where they are dropped."""
+    files = [f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-{chunk}.tar" for set in PLAN.packed_sets(*sets)]
+    return temp(files) if DROPPED else files
+
+
 # A partition is checked and simulated by the job that runs it.
 rule check:
     input:

@@ -1,3 +1,15 @@
+from wearscope.tracking.session_names import name_sessions
+
+
+def tracked_files():
+    """What the target `track` makes; ends the run in one sentence where there is nothing to track."""
+    if not DATASET:
+        raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
+    if TRACKED.refusal:
+        raise SystemExit(TRACKED.refusal)
+    return [f"{TRACK_FOLDER}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
+
+
 # What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
 # on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
 if STUDY.dataset is not None:
@@ -10,7 +22,7 @@ if STUDY.dataset is not None:
         input:
             dataset=ancient(DATASET_INPUTS["dataset"]),
             files=here(DATASET.list_session_files(TRACKED.reference)),
-            effects=own_effects(),
+            effects=FILES.own_effects(),
             code=lambda w: code("identify_healthy", *effect_files()),
         output:
             f"{TRACK_FOLDER}/reference.npz",

@@ -3,8 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
+from wearscope.closed_loop.names import drawn_path
+from wearscope.config import label
 from wearscope.config.study import StudyConfig
 
 #: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
@@ -97,6 +100,54 @@ class Plan:
             **dict.fromkeys(self.scope_figures, "Q-3: where it works"),
         }
 
+    @cached_property
+    def compares_direct(self) -> bool:
+        """Whether direct Monte Carlo is shown next to the chosen surrogate's answer."""
+        return self.study.direct.enabled and self.study.snr.model == "chosen" and not self.study.divide()
+
+    @cached_property
+    def reevaluates(self) -> bool:
+        """Whether it is asked what a correction changes: a loop is closed, or both models are given."""
+        asked = self.study.reevaluate
+        closed = self.study.closed_loop.demonstration or self.study.dataset is not None
+        return asked.enabled and bool(closed or asked.before)
+
+    @cached_property
+    def audited(self) -> list[str]:
+        """Test-cycles whose answers are checked directly, by label."""
+        return [label(one) for one in self.study.cycles[: self.study.audit.cycles]]
+
+    @cached_property
+    def join_minutes(self) -> int:
+        """Time [min] for what goes through all robots: 1.5 s a robot were measured (docs/cluster.md)."""
+        return max(20, len(self.study.robots) // 10)
+
+    def asked_of(self, model: str, find: Callable[[str], Any] | None = None) -> Callable[..., dict[str, Any]]:
+        """Input function: the tables that make a section's surrogates, where `find` says that they are."""
+        find = find or (lambda table: f"{self.folder}/{table}.parquet")
+        files = {"surrogates": find("surrogates")}
+        if model == "chosen":
+            files |= {"chosen": find("chosen_surrogates"), "test_quantities": find("test_quantities")}
+        return lambda wildcards: files
+
+    def parts(self, table: str, *each: str) -> list[str]:
+        """Tables that make a table of the study: one a robot, robot and test-cycle, or partition."""
+        if divided := self.study.divide():
+            numbers = [part.partitions.number for part in divided]
+            return [f"{self.folder}/partitions/{number:05d}/{table}.parquet" for number in numbers]
+        pattern = f"{self.folder}/{'/'.join(each)}.parquet"
+        pairs = product(map(label, self.study.robots), map(label, self.study.cycles))
+        return list(dict.fromkeys(pattern.format(robot=robot, cycle=cycle) for robot, cycle in pairs))
+
+    def whole(self, table: str) -> list[str]:
+        """A table of the study, as one file; or as one a partition, from which it would be joined."""
+        return self.parts(table) if self.study.divide() else [f"{self.folder}/{table}.parquet"]
+
+    def drawn_files(self, folder: str, *sides: str) -> list[str]:
+        """Models of sides of a correction that a closed loop in a folder draws, in addition to its own."""
+        numbers = range(1, self.study.reevaluate.draws + 1)
+        return [f"{folder}/{drawn_path(side, k)}" for side in sides for k in numbers]
+
     def chunks(self, name: str) -> range:
         """Numbers of the chunks into which a set's points are cut."""
         return range(-(-self.points[name] // self.points_per_job))
@@ -159,3 +210,15 @@ class Plan:
         points *= len(self.study.cycles) * self.study.partitions.robots
         seconds = points * (self.study.simulation.point_seconds + self.study.simulation.quantity_seconds)
         return max(60, round(3 * seconds / self.study.partitions.threads / 60))
+
+
+def needs(mib: int, minutes: int) -> dict[str, Callable[..., int]]:
+    """Memory [MiB] and time [min] that a job asks a cluster for, more each time that it is tried again.
+
+    Memory is 1.6 to 2.4 times the largest that was measured (docs/cluster.md); times are generous guesses.
+    What is not said on a rule is in profiles/default.
+    """
+    return {
+        "mem_mb": lambda wildcards, attempt: attempt * mib,
+        "runtime": lambda wildcards, attempt: attempt * minutes,
+    }
