@@ -8,13 +8,15 @@ from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
 from wearscope.config import load_config
 from wearscope.jobs.planning import Plan, needs
 from wearscope.jobs.sources import find_script_sources
-from wearscope.jobs.study_files import StudyFiles
+from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset
+from wearscope.storage.tables import write_table
 
 ROOT = Path(__file__).parents[2]
 
@@ -109,8 +111,21 @@ def test_inputs_of_a_section_are_those_of_its_surrogates():
     chosen = plan.asked_of("chosen", plan.whole)(None)
     assert set(chosen) == {"surrogates", "chosen", "test_quantities"}
     assert chosen["chosen"] == ["results/quick/chosen_surrogates.parquet"]
+    figures = plan.figure_files(plan.scope_figures, lambda file, **about: (file, about["caption"]))
+    assert len(figures) == 2 * len(plan.scope_figures)
+    svg = next(iter(figures.values()))
+    assert svg == (f"results/quick/figures/{plan.scope_figures[0]}.svg", "../report/scope.rst")
     drawn = plan.drawn_files("loop", "before", "after")
     assert len(set(drawn)) == 2 * plan.study.reevaluate.draws and drawn[0].startswith("loop/drawn/before-01")
+
+
+def test_a_second_look_is_asked_for_only_where_its_design_has_points(tmp_path):
+    plan, design = make_plan(drops=True), tmp_path / "recheck.parquet"
+    for points, files in (([], 0), ([1], len(plan.audited) * len(plan.study.robots))):
+        write_table(design, {"point": np.array(points, dtype=int)})
+        assert len(set(plan.rechecked(str(design)))) == files
+    folder = "results/quick/traces/{robot}/{cycle}"
+    assert plan.recordings_of(["nominal", "audit"]) == [f"{folder}/audit/_chunk-0.tar"]
 
 
 def test_a_job_that_is_tried_again_asks_for_more():
@@ -146,6 +161,24 @@ def test_a_robot_that_a_rule_makes_has_the_effects_of_its_sources():
     made = "results/q/robots/large.yaml"
     assert files.robots == {"large": made} and files.robot_files(made) == [made, made[:-4] + "urdf"]
     assert set(files.robot_effects(made)) > set(files.robot_effects("medium"))
+
+
+def test_models_of_a_reevaluation_are_files_of_a_loop_or_of_robots():
+    lent = {"carry_over": {"source": "large"}}
+    files = StudyFiles(read_quick(reevaluate=lent), "results/q", str(ROOT))
+    found = files.reevaluated_models(["loop/model_after.yaml", "medium"], "loop")
+    parents = [Path(file).parent.name for file in found]
+    assert sorted(parents) == ["large", "large", "loop", "medium", "medium"]
+
+
+def test_tracking_without_sessions_ends_in_a_sentence():
+    with pytest.raises(SystemExit, match="dataset is missing; say which machine"):
+        list_tracked(None, "")
+    with pytest.raises(SystemExit, match="why"):
+        list_tracked(SimpleNamespace(refusal="why"), "results/tracking/m")
+    assert "results/tracking/m/report.html" in list_tracked(SimpleNamespace(refusal=""), "results/tracking/m")
+    with pytest.raises(SystemExit, match="dataset is missing; name a data set"):
+        refuse_without_dataset(None)
 
 
 def test_a_refused_robot_ends_the_run_in_its_sentence():

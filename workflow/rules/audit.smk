@@ -1,16 +1,3 @@
-from pyarrow.parquet import read_metadata
-
-
-def rechecked(wildcards):
-    """Test quantities of the second look; none where the first leaves nothing open."""
-    design = checkpoints.weigh_audit.get().output[0]
-    if not read_metadata(design).num_rows:
-        return []
-    return expand(
-        "{R}/parts/recheck_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=PLAN.audited
-    )
-
-
 AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_verdicts", "audit_answers")]
 AUDIT_PARTS = expand(
     "{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=PLAN.audited
@@ -124,7 +111,7 @@ rule audit_surrogates:
     input:
         points=[f"{R}/design/audit.parquet", f"{R}/design/recheck.parquet"],
         parts=AUDIT_PARTS,
-        more=rechecked,
+        more=lambda w: PLAN.rechecked(checkpoints.weigh_audit.get().output[0]),
         asked=list(PLAN.asked_of(STUDY.scope.model)(None).values()),
         direct=DIRECT_TABLES,
         code=lambda w: code("audit_surrogates"),

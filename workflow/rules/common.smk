@@ -33,7 +33,7 @@ from wearscope.config import load_config
 from wearscope.jobs.planning import Plan, needs
 from wearscope.jobs.sources import ROOT as PACKAGE
 from wearscope.jobs.sources import plugin_file
-from wearscope.jobs.study_files import StudyFiles, tell
+from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.

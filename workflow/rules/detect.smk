@@ -1,10 +1,3 @@
-def refuse_without_dataset(wildcards):
-    """End the run in one sentence."""
-    raise SystemExit(
-        "config: dataset is missing; name a data set, as in snakemake --cores 2 detect --config dataset=PATH"
-    )
-
-
 if STUDY.dataset is None:
 
     rule detect:

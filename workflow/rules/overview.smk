@@ -31,7 +31,7 @@ if PARTITIONS:
             code=lambda w: code("draw_scopes"),
             style=REPORT_FILES,
         output:
-            **figure_files(PLAN.scope_figures),
+            **PLAN.figure_files(PLAN.scope_figures, report),
         log:
             f"{R}/logs/draw_scopes.log",
         conda:

@@ -1,13 +1,3 @@
-def reevaluated_models(wildcards):
-    """Model files that a reevaluation starts from, and the robot that lends."""
-    references = [*RE_SOURCES.values()]
-    if STUDY.reevaluate.carry_over is not None:
-        references.append(STUDY.reevaluate.carry_over.source)
-    made = {file for file in references if file.startswith(f"{LOOP_FOLDER}/")}
-    files = [*made, *(file for one in set(references) - made for file in robot_files(one))]
-    return sorted(files)
-
-
 RE = f"{R}/reevaluation"
 TWIN_EFFECTS = [
     f"{PACKAGE}/demonstration/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
@@ -53,7 +43,7 @@ rule reevaluate:
 
 rule make_reevaluation:
     input:
-        models=reevaluated_models,
+        models=lambda w: FILES.reevaluated_models(RE_SOURCES.values(), LOOP_FOLDER),
         truth=rules.record_demonstration.output.truth if "truth" in RE_SIDES else [],
         code=lambda w: code("make_reevaluation", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
     output:

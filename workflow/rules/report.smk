@@ -1,18 +1,3 @@
-def figure_files(names):
-    """SVG files, with caption and category for `snakemake --report`, and PNG files of some figures."""
-    files = {}
-    for name in names:
-        caption = "scope" if name in PLAN.scope_figures else name
-        files[f"{name}_svg"] = report(
-            f"{R}/figures/{name}.svg",
-            caption=f"../report/{caption}.rst",
-            category=PLAN.categories[name],
-            labels={"figure": name.replace("_", " ")},
-        )
-        files[f"{name}_png"] = f"{R}/figures/{name}.png"
-    return files
-
-
 # What a page tells of the configuration: not what else was asked for in addition to the study.
 REPORTED = {key: value for key, value in config.items() if key != "dataset"}
 # The demonstration's twin is the medium robot: in another robot's study it has no place.
@@ -72,7 +57,7 @@ rule draw_findings:
         code=lambda w: code("draw_findings"),
         style=REPORT_FILES,
     output:
-        **figure_files(PLAN.finding_figures),
+        **PLAN.figure_files(PLAN.finding_figures, report),
     log:
         f"{R}/logs/draw_findings.log",
     conda:

@@ -1,9 +1,3 @@
-def recordings_of(sets, chunk="0"):
-    """Files of a chunk's recordings, by set, where they are packed; temporary where they are dropped."""
-    files = [f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-{chunk}.tar" for set in PLAN.packed_sets(*sets)]
-    return temp(files) if DROPPED else files
-
-
 # A partition is checked and simulated by the job that runs it.
 rule check:
     input:
@@ -162,7 +156,7 @@ rule simulate_points:
         ),
     output:
         marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
-        recordings=recordings_of(["{set}"], "{chunk}"),
+        recordings=(temp if DROPPED else list)(PLAN.recordings_of(["{set}"], "{chunk}")),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
@@ -207,7 +201,7 @@ if AT_ONCE:
             ),
         output:
             marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
-            recordings=recordings_of(AT_ONCE),
+            recordings=(temp if DROPPED else list)(PLAN.recordings_of(AT_ONCE)),
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:

@@ -1,20 +1,10 @@
 from wearscope.tracking.session_names import name_sessions
 
-
-def tracked_files():
-    """What the target `track` makes; ends the run in one sentence where there is nothing to track."""
-    if not DATASET:
-        raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
-    if TRACKED.refusal:
-        raise SystemExit(TRACKED.refusal)
-    return [f"{TRACK_FOLDER}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
-
-
 # What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
 # on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
-if STUDY.dataset is not None:
-    TRACKED = name_sessions(STUDY.dataset)
-    TRACK_FOLDER = f"results/tracking/{DATASET.name}"
+TRACKED = name_sessions(STUDY.dataset) if DATASET else None
+TRACK_FOLDER = f"results/tracking/{DATASET.name}" if DATASET else ""
+if TRACKED:
     TRACK_LEVEL = STUDY.tracking.false_alarm_rate
     TRACK_EFFECTS = {name: LOOP_OPTIONS[name] for name in ("installed", "effects", "allow_code")}
 
@@ -108,4 +98,4 @@ if STUDY.dataset is not None:
 
 rule track:
     input:
-        lambda wildcards: tracked_files(),
+        lambda wildcards: list_tracked(TRACKED, TRACK_FOLDER),

@@ -1,6 +1,6 @@
 """How a study is cut into jobs: the points of each set, the files of their chunks, memory and time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -142,6 +142,34 @@ class Plan:
     def whole(self, table: str) -> list[str]:
         """A table of the study, as one file; or as one a partition, from which it would be joined."""
         return self.parts(table) if self.study.divide() else [f"{self.folder}/{table}.parquet"]
+
+    def figure_files(self, names: Iterable[str], report: Callable[..., Any]) -> dict[str, Any]:
+        """SVG files, with what Snakemake's `report` takes, and PNG files of some figures."""
+        files = {}
+        for name in names:
+            caption = "scope" if name in self.scope_figures else name
+            files[f"{name}_svg"] = report(
+                f"{self.folder}/figures/{name}.svg",
+                caption=f"../report/{caption}.rst",
+                category=self.categories[name],
+                labels={"figure": name.replace("_", " ")},
+            )
+            files[f"{name}_png"] = f"{self.folder}/figures/{name}.png"
+        return files
+
+    def recordings_of(self, sets: Iterable[str], chunk: str = "0") -> list[str]:
+        """Patterns of the files of a chunk's recordings, by set, where they are packed."""
+        folder = f"{self.folder}/traces/{{robot}}/{{cycle}}"
+        return [f"{folder}/{name}/_chunk-{chunk}.tar" for name in self.packed_sets(*sets)]
+
+    def rechecked(self, design: str) -> list[str]:
+        """Test quantities of the audit's second look; none where its design has no point."""
+        from pyarrow.parquet import read_metadata
+
+        if not read_metadata(design).num_rows:
+            return []
+        pairs = product(map(label, self.study.robots), self.audited)
+        return [f"{self.folder}/parts/recheck_quantities/{robot}/{cycle}.parquet" for robot, cycle in pairs]
 
     def drawn_files(self, folder: str, *sides: str) -> list[str]:
         """Models of sides of a correction that a closed loop in a folder draws, in addition to its own."""

@@ -12,6 +12,7 @@ from wearscope.errors import InputError
 from wearscope.jobs.named_files import NamedDataSet, NamedRobot
 from wearscope.jobs.sources import ROOT, find_script_sources, plugin_file
 from wearscope.plugins import identify_installed, is_built_in, list_installed
+from wearscope.tracking.session_names import Tracked
 
 #: Scripts that a partition runs, without those that load plug-ins.
 _PARTITION = (
@@ -28,6 +29,22 @@ def tell(find: Callable[..., Any], *given: Any) -> Any:
         return find(*given)
     except InputError as error:
         raise SystemExit(str(error)) from None
+
+
+def refuse_without_dataset(wildcards: Any) -> None:
+    """End the run in one sentence."""
+    raise SystemExit(
+        "config: dataset is missing; name a data set, as in snakemake --cores 2 detect --config dataset=PATH"
+    )
+
+
+def list_tracked(sessions: Tracked | None, folder: str) -> list[str]:
+    """What tracking makes in a folder; ends the run in one sentence where there is nothing to track."""
+    if sessions is None:
+        raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
+    if sessions.refusal:
+        raise SystemExit(sessions.refusal)
+    return [f"{folder}/{name}" for name in ("tracking.json", "changes.parquet", "report.html")]
 
 
 class StudyFiles:
@@ -109,6 +126,14 @@ class StudyFiles:
             sources = self.made_models[reference]
             return [*self.effect_files(), *{file for one in sources for file in self.robot_effects(one)}]
         return self.read_robot(reference).list_effect_files()
+
+    def reevaluated_models(self, references: Iterable[str], loop: str) -> list[Any]:
+        """Model files that a reevaluation starts from, those of a closed loop's folder among them."""
+        named, lender = list(references), self.study.reevaluate.carry_over
+        if lender is not None:
+            named.append(lender.source)
+        made = {file for file in named if file.startswith(f"{loop}/")}
+        return sorted([*made, *(file for one in set(named) - made for file in self.robot_files(one))])
 
     def detector_files(self) -> list[Path]:
         """Files of the study's detectors."""
