@@ -291,12 +291,8 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
         term = offer.term
         made = given.extend(term)
         gain = moves.score.compare(given, made)
-        lost, left = given.fit, made.fit
-        folds = given.problem.gram.layout.units.test
-        better = [
-            sum(left.hold_out(j, f) - lost.hold_out(j, f) for j in term.candidate.joints) < 0.0
-            for f in range(len(folds))
-        ]
+        joints_felt = list(term.candidate.joints)
+        better = (made.fit.by_fold - given.fit.by_fold)[joints_felt].sum(axis=0) < 0.0
         refusal = offer.refusal or moves.refused.get(term.key, "")
         rows.append(
             {

@@ -197,7 +197,7 @@ class Moves:
 
     def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
         """Offers that may gain, of effects that are not left out."""
-        asks = lambda effect, _: effect.name not in self.without  # noqa: E731
+        asks = (lambda effect, _: effect.name not in self.without) if self.without else None
         return [o for o in list_offers(model, joints, asks) if may_gain(self.score, model, o)]
 
     def choose(self, base: Model, offers: Iterable[Offer], reference: Model) -> tuple[Term | None, float]:

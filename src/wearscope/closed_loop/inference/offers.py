@@ -42,7 +42,7 @@ class Offer:
 def list_candidates(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+    asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Candidate]:
     """Candidates that a model has not, nor contains, with their parents, where they apply.
 
@@ -59,7 +59,7 @@ def list_candidates(
     for joint in joints:
         there = present[joint]
         for effect in problem.effects:
-            if not asks(effect, joint) or not problem.prepared.moving[joint]:
+            if not problem.prepared.moving[joint] or not (asks is None or asks(effect, joint)):
                 continue
             if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                 continue
@@ -94,16 +94,36 @@ def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
 def list_offers(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+    asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Offer]:
-    """The best shape of each candidate and subset conditional on a model, what gains most first."""
+    """The best shape of each candidate and subset conditional on a model, what gains most first.
+
+    Parameters
+    ----------
+    model : Model
+    joints : iterable of int
+    asks : callable, optional
+        Whether an effect at a joint is asked for; all are by default, and kept with the model.
+    """
+    kept: dict[int, list[Offer]] = model.offers if asks is None else {}
+    joints = list(joints)
+    for joint in joints:
+        if joint not in kept:
+            kept[joint] = _list_at(model, joint, asks)
+    return sorted(
+        (o for joint in joints for o in kept[joint]), key=lambda o: -o.gain / np.sqrt(len(o.term.subset))
+    )
+
+
+def _list_at(model: Model, joint: int, asks: Callable[[Effect, int], bool] | None) -> list[Offer]:
+    """Offers at one joint, as `list_offers` has them."""
     problem, fit = model.problem, model.fit
     by_run = problem.layout.folds.by_run
-    candidates = list_candidates(model, joints, asks)
-    tried: dict[int, float] = {}
-    for c in candidates:
-        count = 1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
-        tried[c.joint] = tried.get(c.joint, 0.0) + count
+    candidates = list_candidates(model, [joint], asks)
+    tried = sum(
+        1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
+        for c in candidates
+    )
     offers = []
     for c in candidates:
         for subset in list_subsets(c.effect, by_run):
@@ -112,13 +132,13 @@ def list_offers(
             beta, own = added.beta[s], added.own[s]
             power = max(float(beta @ own @ beta), 1e-300)
             sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
-            term = Term(c, subset, s, tried[c.joint])
+            term = Term(c, subset, s, tried)
             cancels = c.penalty is None and (
                 np.sqrt(np.maximum(np.diag(own), 0.0) * beta**2 / power).max() > _CANCELS or sine < 1e-3
             )
             refusal = _refuse(problem, term, beta) or ("its columns cancel each other" if cancels else "")
             offers.append(Offer(term, beta, float(added.gain[s]), sine, refusal))
-    return sorted(offers, key=lambda o: -o.gain / np.sqrt(len(o.term.subset)))
+    return offers
 
 
 def _refuse(problem: Problem, term: Term, beta: np.ndarray) -> str:
