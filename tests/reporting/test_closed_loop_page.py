@@ -152,8 +152,8 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     refuted = "b Unknown refuted It adds 12 % (95 %: 4 to 20) to the residual variance."
     unnamed = "No named effect explains it; it depends on position of a and direction of b."
     assert f"{refuted} {unnamed} Left out of the corrected model." in text
-    assert "8 heights of a spline −3 to 4" in text
-    assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
+    assert "8 heights of a spline not in it −3 to 4" in text
+    assert "a Stribeck friction (exponent 2) level not in it 2.5 2 to 3 N m" in text
     assert "2 → 1 N m RMS, noise floor" in text
     assert "larger by 7 %" in text and text.count("larger by") == 1
     assert "runs/r2.parquet 15 16" in text and "runs/r2.parquet 20 10" in text
@@ -287,7 +287,8 @@ def test_events_and_thresholds_are_on_the_page(tmp_path):
     felt = push | {"joint": "b", "t": 1700000002.6, "seconds": 0.5, "size": 2.0}
     write(tmp_path, VERDICT | {"events": [push, felt], "collision_thresholds": limit})
     text = text_of(page(tmp_path))
-    assert "runs/r2.parquet 1700000002.50 0.60 a −7 N m, b 2 N m" in text and "a 3.2 N m 90" in text
+    assert "runs/r2.parquet 1700000002.50 0.60 a −7 N m, b 2 N m" in text
+    assert "a 3.2 N m not known: record longer runs" in text
     write(tmp_path, VERDICT | {"events": [], "collision_thresholds": limit})
     assert "No push and no collision was seen." in text_of(page(tmp_path))
 
@@ -375,6 +376,7 @@ def test_masses_that_nobody_believes_are_the_caveat_of_a_verdict_that_finds_noth
     write(tmp_path, verdict)
     strip = loop_strip(read_closed_loop(tmp_path))
     assert strip.kind == ("unsure" if told else "good")
+    assert ("once its masses are refitted" in strip.answer) == bool(told)
     assert strip.caveat.startswith(told or "Only 1 training run")
 
 
@@ -417,22 +419,16 @@ def test_the_next_step_is_one_that_helps(tmp_path):
     assert 'href="#residual"' in advise().action
 
 
-def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):
+def test_a_card_draws_the_residual_over_the_signal_that_the_verdict_names(tmp_path):
     write(tmp_path, VERDICT)
     loop = read_closed_loop(tmp_path)
-    joint = loop.joints[0]
-    t = np.linspace(0.0, 4.0, 41)
-    table = pd.DataFrame(
-        {"t": t, "run": "r", "use": "test", "joint": joint, "measured": np.sin(t),
-         "predicted_before": np.where(t < 2, 0.0, np.nan), "predicted_after": np.sin(t), "counts": True}
-    )  # fmt: skip
-    drawn = draw_curves(replace(loop, residual=table), joint)
-    paths = re.findall(r'd="([^"]*)"', drawn)
-    assert paths[0] == paths[2] and len(re.findall("[ML]", paths[0])) == 41
-    assert len(re.findall("[ML]", paths[1])) == 20 and "nan" not in drawn
-    assert draw_curves(replace(loop, residual=table.assign(use="train")), joint) == ""
-    still = draw_curves(replace(loop, residual=table.assign(counts=t < 1)), joint)
-    assert [len(re.findall("[ML]", one)) for one in re.findall(r'd="([^"]*)"', still)] == [41, 10, 10]
+    drawn = draw_curves(loop, "a")
+    before, after = re.findall(r'd="([^"]*)"', drawn)
+    assert before != after and before.count("M") == after.count("M") == 280
+    assert "speed of a [rad/s]" in drawn and "nan" not in drawn
+    over_time = draw_curves(replace(loop, signals=None), "a")
+    assert "time since the start of the run [s]" in over_time
+    assert draw_curves(replace(loop, residual=loop.residual.assign(counts=False)), "a") == ""
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {z}"/>
@@ -453,7 +449,7 @@ def write_models(folder, level=(10.0, 12.0), mass=(5.0, 5.5)):
 def test_what_was_fitted_is_a_table_with_intervals_and_units(tmp_path):
     write(tmp_path, VERDICT)
     without = render_parameters(read_closed_loop(tmp_path))
-    assert "Of the declared model" not in without and "Stribeck" in without
+    assert "Coulomb" not in without and "Stribeck" in without
     write_models(tmp_path)
     text = re.sub(r"<[^>]+>", " ", render_parameters(read_closed_loop(tmp_path)))
     row = " ".join(text.split())

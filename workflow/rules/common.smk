@@ -100,10 +100,9 @@ cycle_files, detector_files, effect_files = FILES.cycle_files, FILES.detector_fi
 NAMED_ROBOTS, ROBOTS, CYCLES = FILES.named_robots, FILES.robots, FILES.cycles
 DATASET, DATASET_INPUTS, REPORT_FILES = FILES.dataset, FILES.dataset_inputs, FILES.report_files
 FACTORS = STUDY.factor_table()
-ASKED_FOR = getattr(workflow.dag_settings, "targets", None) or ()
-# Recordings stay where they are what was asked for.
+# Recordings stay where they are what was asked for. Of its targets Snakemake itself tells once the rules are read.
 PACKED = CARRIED or STUDY.simulation.packed
-DROPPED = not (PACKED or STUDY.simulation.keep_recordings or "simulate" in ASKED_FOR)
+DROPPED = not (PACKED or STUDY.simulation.keep_recordings or "simulate" in sys.argv)
 PLAN = Plan(STUDY, R, PACKED, DROPPED)
 POINTS, POINTS_PER_JOB = PLAN.points, PLAN.points_per_job
 FILLED = STUDY.surrogates.filling.enabled

@@ -16,9 +16,9 @@ ANSWERED = {
 
 onsuccess:
     if STUDY.partitions.number is None:
-        asked = [ANSWERED[one] for one in ASKED_FOR or ["all"] if one in ANSWERED]
+        asked = [ANSWERED[one] for one in workflow.dag_settings.targets or ["all"] if one in ANSWERED]
         end_well(list(map(Path, asked)), time.monotonic() - STARTED, json.dumps(config))
 
 
 onerror:
-    end_badly(Path(log), list(ASKED_FOR))
+    end_badly(Path(log), list(workflow.dag_settings.targets))

@@ -117,7 +117,7 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
               help="Whether the URDF's masses are refitted, or trusted.")  # fmt: skip
 @click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
               help="Effects that the model has to begin with.")  # fmt: skip
-@click.option("--accept", multiple=True, help="Refusal that is overruled, as its sentence words it.")
+@click.option("--accept", multiple=True, help="Check to ignore; paste the text that its sentence names.")
 def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **stated):  # type: ignore[no-untyped-def]
     """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
 

@@ -228,8 +228,9 @@ def _setting(found: Detections) -> Markup:
         f"For the recordings the detectors were fitted to {fitted}; for simulated runs, to simulated nominal "
         "runs.",
         f"{runs} of the model {summary['model']} were simulated along each motion, at the recorded "
-        f"temperatures. Temperature and payload mass error scatter by {setting['sigma']:g} coded units of "
-        f"the study; the torque noise is that of {summary['torque_noise_from']}. Recorded and simulated runs "
+        f"temperatures. Temperature and payload mass error scatter by {25 * setting['sigma']:.2g} % of their "
+        "ranges in the study (standard deviation); the torque noise is that of "
+        f"{summary['torque_noise_from']}. Recorded and simulated runs "
         "were filtered alike.",
     ]
     for motion, one in summary["motions"].items():

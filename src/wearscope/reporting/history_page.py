@@ -31,7 +31,7 @@ from wearscope.storage.verdicts import read_verdict
 KEPT = "history.jsonl"
 #: What is followed over time, by kind of page.
 _QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
-_BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
+_BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "needs attention"}
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,10 @@ def render_history(folder: Path, found: list[Answer]) -> str:
     shown = {"trend": trend} if trend["when"].nunique() > 1 else {}
     if shown:
         sections.append(Section("Trend", embed_chart(_chart()), "trend"))
-    action = Markup('Open <a href="{}">{}</a>, the newest page.')
-    strip = replace(newest.strip, action=action.format(newest.path, newest.name))
+    action = Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path, newest.name)
+    strip = replace(
+        newest.strip, action=action if newest.path else "Run the newest one again: its page is gone."
+    )
     subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
     return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
 

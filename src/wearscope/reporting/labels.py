@@ -117,7 +117,7 @@ def term_factors(term: str) -> list[str]:
 
 def unit_text(unit: str) -> str:
     """Unit as printed; empty for a pure number."""
-    return _UNITS.get(unit, unit)
+    return _UNITS.get(unit, unit.replace("^2", "²"))
 
 
 def with_unit(text: str, unit: str) -> str:
