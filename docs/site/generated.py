@@ -28,7 +28,7 @@ REFERENCE = {
     "Simulation": ["wearscope.simulation.study", "wearscope.simulation.recording"],
     "Detectors": ["wearscope.detectors.base"],
     "Surrogates": [
-        "wearscope.surrogates.fitting", "wearscope.surrogates.goodness", "wearscope.surrogates.validation",
+        "wearscope.surrogates.fitting", "wearscope.surrogates.kinds.base", "wearscope.surrogates.validation",
     ],
     "Evaluation": [
         "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.ranking",

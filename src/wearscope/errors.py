@@ -3,6 +3,15 @@
 import sys
 from importlib.util import find_spec
 
+
+class SimulationError(RuntimeError):
+    """A run that diverged, left its limits or disagreed with PyBullet, told in one sentence."""
+
+
+class SelfTestError(SimulationError):
+    """PyBullet adds something that the model has not: no run can be trusted, whatever its design point."""
+
+
 LONGEST = 1000
 
 

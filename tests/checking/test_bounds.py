@@ -21,10 +21,10 @@ import yaml
 from click.testing import CliRunner
 
 from wearscope import example_dataset, integrity, limits
-from wearscope.checking.costs import list_excesses
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.findings import Findings
 from wearscope.checking.robot import check_model
+from wearscope.checking.study import list_excesses
 from wearscope.cli import main, stages, workflow
 from wearscope.cli.main import wearscope
 from wearscope.cli.tables import read_frame

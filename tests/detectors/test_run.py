@@ -9,8 +9,12 @@ import pandas as pd
 import pytest
 
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.chunks import join_test_quantities
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities, count_failures
+from wearscope.detectors.run import (
+    DetectorSpec,
+    compute_test_quantities,
+    count_failures,
+    join_test_quantities,
+)
 from wearscope.errors import InputError
 from wearscope.storage import tables
 

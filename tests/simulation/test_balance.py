@@ -8,7 +8,7 @@ import pytest
 from wearscope.effects.base import Plant
 from wearscope.simulation import balance, step, terms
 from wearscope.simulation.arrays import Gears, Law, make_motion, make_state, make_work
-from wearscope.simulation.gear import deflection
+from wearscope.simulation.balance import deflection
 from wearscope.simulation.plant import build_gears, build_plant
 from wearscope.simulation.terms import Terms, order_terms, pack_terms
 

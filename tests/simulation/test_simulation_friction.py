@@ -6,12 +6,11 @@ from scipy.integrate import trapezoid
 from single_axis import DRIVE, make_axis
 
 from wearscope.cycles.base import Reference
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.simulation.arrays import Law
+from wearscope.simulation.balance import deflection, invert_deflection
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import simulate_forward, trace_forward
-from wearscope.simulation.gear import deflection, invert_deflection
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.run import BLOCK, run_motion
 from wearscope.simulation.terms import pack_terms

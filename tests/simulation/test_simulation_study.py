@@ -10,10 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from wearscope.cycles.base import Reference, load_cycle
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import load_model
 from wearscope.robots.numbers import Number
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import refine_reference, simulate_forward
 from wearscope.simulation.recording import Recording, read_recording, write_recording
 from wearscope.simulation.run import Trace

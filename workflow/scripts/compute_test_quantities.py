@@ -5,7 +5,7 @@ from pathlib import Path
 from job import run_job
 from quantities import quantify
 from wearscope.designs.factors import Factor
-from wearscope.detectors.chunks import join_test_quantities
+from wearscope.detectors.run import join_test_quantities
 from wearscope.robots.model import load_model
 from wearscope.simulation.failures import check_failures, failure_table, read_markers
 from wearscope.simulation.packed import PackedRecordings

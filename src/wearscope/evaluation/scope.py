@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, PAPER_FACTORS, nominal_levels
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
 from wearscope.evaluation.scope_confidence import pass_confidence

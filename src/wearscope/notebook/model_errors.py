@@ -23,9 +23,8 @@ from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.model.prediction import relative_error, rms
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.cycles.base import Reference
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
-from wearscope.simulation.errors import SimulationError
 from wearscope.storage import tables
 
 #: Lengths of a rollout [s]; most rollouts of one recording.

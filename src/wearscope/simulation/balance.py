@@ -19,8 +19,43 @@ import numpy as np
 from numba import njit
 
 from wearscope.simulation.arrays import INNER
-from wearscope.simulation.gear import deflection_slope, invert_deflection
 from wearscope.simulation.terms import evaluate_terms
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def deflection(torque, compliance, lost_motion, mesh_torque):
+    """Deflection (motor minus link position) under a torque."""
+    return compliance * torque + 0.5 * lost_motion * np.tanh(torque / mesh_torque)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def deflection_slope(torque, compliance, lost_motion, mesh_torque):
+    """Compliance at a torque."""
+    take_up = np.cosh(min(abs(torque / mesh_torque), 300.0))
+    return compliance + 0.5 * lost_motion / (mesh_torque * take_up * take_up)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def invert_deflection(gap, compliance, lost_motion, mesh_torque):
+    """Torque at a deflection.
+
+    The law is concave beyond rest: Newton's method climbs to the root from a point short of it, which the
+    steepest slope and the far asymptote give.
+    """
+    size = abs(gap)
+    torque = max(
+        size / (compliance + 0.5 * lost_motion / mesh_torque), (size - 0.5 * lost_motion) / compliance
+    )
+    if lost_motion > 0.0:
+        for _ in range(100):
+            change = (size - deflection(torque, compliance, lost_motion, mesh_torque)) / deflection_slope(
+                torque, compliance, lost_motion, mesh_torque
+            )
+            torque += change
+            if abs(change) <= 1e-14 * torque:
+                break
+    return np.copysign(torque, gap)
+
 
 MAX_ITERATIONS = 80
 #: After these iterations only the joint that is furthest beyond break-away is released at a time, and torques
