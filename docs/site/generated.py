@@ -32,8 +32,7 @@ REFERENCE = {
     ],
     "Evaluation": [
         "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.ranking",
-        "wearscope.evaluation.scope",
-        "wearscope.evaluation.scope_exact", "wearscope.evaluation.scope_kde",
+        "wearscope.evaluation.scope", "wearscope.evaluation.scope_kde",
     ],
     "Tables and errors": ["wearscope.storage.tables", "wearscope.errors"],
 }  # fmt: skip

@@ -12,8 +12,14 @@ from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.evaluation.overview import overview_table
-from wearscope.evaluation.scope import add_group_scopes, group_scope, scope_table
-from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
+from wearscope.evaluation.scope import (
+    SURE,
+    add_counts,
+    add_group_scopes,
+    count_scope,
+    group_scope,
+    scope_table,
+)
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.storage import tables

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.recommendation import choose_method
-from wearscope.evaluation.scope_counts import count_scope
+from wearscope.evaluation.scope import count_scope
 from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
 from wearscope.reporting.labels import (
     factor_label,
