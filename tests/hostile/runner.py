@@ -152,6 +152,8 @@ def judge(made: Sequence[str], outcome: Outcome, folder: Path) -> str:
         return f"steers the terminal: {text[-300:]!r}"
     if outcome.code and not text.strip():
         return "ends without a word"
+    if outcome.code == 1 and not any(line.rstrip().endswith((".", "?")) for line in text.splitlines()):
+        return f"says no sentence: {text[-300:]!r}"
     left = [one for one in made if os.path.lexists(folder / one)] if outcome.code else []
     left += [str(one) for one in folder.glob("**/.*.part")]
     return f"leaves {', '.join(left)} and ends with {outcome.code}: {text[-300:]}" if left else ""
