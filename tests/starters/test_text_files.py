@@ -414,3 +414,10 @@ def test_a_row_that_is_longer_than_the_others_loses_no_value_silently(tmp_path):
             assert "cannot be read as a table" in str(error)
         else:
             assert 7 in frame.to_numpy() and 8 in frame.to_numpy()
+
+
+def test_printed_signs_in_columns_of_text_are_signs(tmp_path):
+    text = table().astype(str).apply(lambda one: one.str.replace("-", "\u2212"))
+    text.to_parquet(tmp_path / "signs.parquet")
+    frame, _ = read_recording(tmp_path / "signs.parquet")
+    assert np.allclose(frame.astype(float), table()) and (table() < 0).any().any()

@@ -87,6 +87,7 @@ def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
     assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {
         "close_loop",
         "report_loop",
+        "show_loop",
         "closed_loop",
         "total",
     }

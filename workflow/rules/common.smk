@@ -35,6 +35,7 @@ from wearscope.jobs.sources import ROOT as PACKAGE
 from wearscope.jobs.sources import plugin_file
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
+from wearscope.storage.shown import LIST, MADE, forget_lost
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.
 STUDY_FILE = "config/config.yaml" if os.path.isfile("config/config.yaml") else f"{HOME}/config/config.yaml"
@@ -90,6 +91,20 @@ def here(files):
     Flagged as `workflow.source_path` flags a file; with `local` Snakemake would send none of their jobs away.
     """
     return [sourcecache_entry(file, file) for file in files] if CARRIED else files
+
+
+def made_in(folder):
+    """Where an answer is made before all of it is shown together; in place where a storage carries what is declared."""
+    return folder if CARRIED else os.path.join(os.path.dirname(folder), MADE, os.path.basename(folder))
+
+
+def shown(folder):
+    """What is made once a folder shows an answer; made again where a file of it is lost."""
+    if CARRIED:
+        return []
+    if workflow.is_main_process:
+        forget_lost(Path(made_in(folder)), Path(folder))
+    return [f"{made_in(folder)}/{LIST}"]
 
 
 FILES = StudyFiles(STUDY, R, HOME, here)

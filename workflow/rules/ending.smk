@@ -4,7 +4,7 @@ from wearscope.cli.ending import end_badly, end_well
 ANSWERED = {
     "all": f"{R}/report.html",
     "report": f"{R}/report.html",
-    "closed_loop": f"{LOOP_FOLDER}/report.html",
+    "closed_loop": f"{LOOP_PAGE}/report.html",
     "reevaluate": f"{RE}/report.html",
     **{
         target: f"results/{folder}/{DATASET.name}/report.html"

@@ -39,6 +39,7 @@ rule reevaluate:
     input:
         REEVALUATION,
         f"{RE}/report.html",
+        [] if GIVEN else SHOWN_LOOP,
 
 
 rule make_reevaluation:

@@ -13,6 +13,7 @@ rule report:
         else f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
         [*REEVALUATION, f"{RE}/report.html"] if PLAN.reevaluates else [],
+        SHOWN_LOOP,
 
 
 rule figures:

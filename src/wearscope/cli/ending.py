@@ -9,8 +9,8 @@ import click
 from wearscope.cli.progress import format_seconds
 from wearscope.cli.say import say
 from wearscope.cli.workflow import Progress, explain_failure
-from wearscope.storage.checksums import check_answer
 from wearscope.storage.files import DamagedFile
+from wearscope.storage.shown import check_answer
 
 
 def shorten(path: Path) -> str:

@@ -192,6 +192,9 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
     Snakemake would read ``--config`` with several parsers, and run Python that a YAML file may hold.
     """
     path = folder / "results" / f".wearscope-{os.getpid()}.json"
+    for left in path.parent.glob(".wearscope-*.json"):  # by commands that were killed
+        if not identify_process(int("0" + "".join(filter(str.isdigit, left.stem)))):
+            left.unlink(missing_ok=True)
     write_text(path, json.dumps(settings, default=take_label))
     try:
         yield path

@@ -23,8 +23,9 @@ from wearscope.reporting.labels import count_text, read_detector_names
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.storage import tables
-from wearscope.storage.checksums import ANSWERS, SETTINGS, check_answer
+from wearscope.storage.checksums import ANSWERS, SETTINGS
 from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope.storage.shown import MADE, check_answer
 from wearscope.storage.verdicts import read_verdict
 
 #: Where a folder of results keeps its answers, those of earlier runs too.
@@ -68,7 +69,8 @@ class Answer:
 
 def find_answers(folder: Path) -> list[Answer]:
     """Answers below a folder, newest first: those of its pages, and those that were written over."""
-    found = [one for page in folder.rglob("report.html") if (one := read_answer(folder, page))]
+    pages = [page for page in folder.rglob("report.html") if MADE not in page.parts]
+    found = [one for page in pages if (one := read_answer(folder, page))]
     there = {one.digest for one in found}
     found += [one for one in _read_kept(folder / KEPT) if one.digest not in there]
     return sorted(found, key=lambda one: (one.when, one.name), reverse=True)

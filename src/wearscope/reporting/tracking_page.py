@@ -376,7 +376,7 @@ def trend_names(tracking: Tracking) -> dict[str, str]:
 def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str, str, pd.DataFrame]]:
     """By name, a panel of each joint and quantity that changed in any session: title, axis and its rows."""
     firsts = [one for session in tracking.outcome["sessions"] for one in list_first(session["changes"])]
-    wanted = {}
+    wanted: dict[tuple[str, str], None] = {}
     for one in firsts:
         what = f"{effect_name(one['effect'])} of {one['joint']}, {parameter_name(one['parameter'])}"
         wanted[one["joint"], _SHARE if one["effect"] in _WEARS else what] = None
@@ -391,7 +391,7 @@ def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str,
     return panels
 
 
-def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> alt.LayerChart:
+def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> Any:
     """Values with intervals over the sessions, and where an alarm begins."""
     looks = {state: look for state, look in _STATES.items() if state in set(table["state"])}
     tints = dict(zip(_STATES, _TINTS, strict=True))

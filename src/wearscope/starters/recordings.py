@@ -20,7 +20,7 @@ from wearscope.errors import InputError, escape_text, need
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states
-from wearscope.starters.text_files import read_text
+from wearscope.starters.text_files import SIGNS, read_text
 from wearscope.storage.files import check_plain
 from wearscope.storage.plain_yaml import load_plain_yaml
 from wearscope.storage.tables import check_unpacked, to_frame
@@ -85,6 +85,8 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
         elif x.dtype.kind in "cV" or x.map(_is_deep).any():
             told = "holds values of several parts, or named ones"
             raise InputError(f"{path}: column '{name}' {told}; give each a column of its own.")
+        elif x.dtype.kind == "O":
+            x = x.map(lambda cell: cell.translate(SIGNS) if isinstance(cell, str) else cell)
         columns[name] = x
     return pd.DataFrame(columns, index=frame.index)
 

@@ -87,32 +87,6 @@ def check_file(folder: str | Path, file: str | Path) -> None:
         )
 
 
-def check_shown(path: str | Path) -> None:
-    """Check a file that is about to be shown, by the checksum that a folder above it keeps; else it passes.
-
-    Raises
-    ------
-    DamagedFile
-        As of `check_file`.
-    """
-    path = Path(path).absolute()
-    for folder in path.parents:
-        if (folder / CHECKSUMS).is_dir():
-            check_file(folder, path)
-
-
-def check_answer(page: str | Path) -> None:
-    """Check a page that is about to be shown, and the answer next to it that it was made from.
-
-    Raises
-    ------
-    DamagedFile
-        As of `check_file`; also where a run that was stopped had begun to make the answer anew.
-    """
-    for name in (*ANSWERS, Path(page).name):
-        check_shown(Path(page).with_name(name))
-
-
 def withdraw(path: str | Path) -> list[Path]:
     """Set a damaged file aside, so that the next run makes it again.
 
