@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from wearscope.closed_loop.intake.dataset_fields import DatasetFields
 from wearscope.errors import escape_text
 from wearscope.starters.conversion import Converted
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.uses import Recorded
-from wearscope.starters.writing import quote, write_schema
+from wearscope.starters.writing import quote
 from wearscope.storage import tables
 from wearscope.storage.files import copy_file
 
@@ -46,8 +45,7 @@ def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, map
         own = {column: units[column] for column in run.frame.columns}
         frame = run.frame.assign(t=run.frame["t"] - run.frame["t"].iloc[0])
         tables.write_table(folder / "runs" / f"{run.name}.parquet", frame.reset_index(drop=True), own)
-    text = write_schema(folder, DatasetFields) + _describe_dataset(name, converted, mapped)
-    (folder / "dataset.yaml").write_text(text, encoding="utf-8")
+    (folder / "dataset.yaml").write_text(_describe_dataset(name, converted, mapped), encoding="utf-8")
 
 
 def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from wearscope.storage.checksums import ANSWERS, CHECKSUMS, check_file, record_checksums
 from wearscope.storage.files import set_aside, write_new, write_text
 
-#: Of the jobs: beside the folders in which answers are shown, and what lists a shown answer's files.
+#: Where jobs make answers, next to the folders in which they are shown, and the list of its files.
 MADE, LIST = ".made", "shown.json"
 #: What has taken its place or not yet, and what is still being gathered.
 READY, GATHERED = ".ready", ".gathered"
