@@ -146,7 +146,7 @@ class Study:
         if not path.is_file():
             raise InputError(f"{self.folder}: holds no conclusion yet; run the study with 'wearscope run'.")
         names = ["robot", "detector", "wear", "cells_sure", "cells", "agree", "resamplings", "cells_first"]
-        frame = pd.DataFrame(read_json(path)).reindex(columns=names)
+        frame = pd.DataFrame(read_json(path, list)).reindex(columns=names)
         frame["robot"] = frame["robot"].replace("", "all")
         frame.attrs["units"] = {"wear": next(one.unit for one in self.factors() if one.name == "f")}
         return frame

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
@@ -60,15 +61,7 @@ def add_inertias(inertias: list[Inertia]) -> Inertia:
 
 def rpy_to_matrix(rpy: ArrayLike) -> Array:
     """Rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
-    r, p, y = np.asarray(rpy, dtype=float)
-    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return np.asarray(pin.rpy.rpyToMatrix(np.asarray(rpy, dtype=float)))
 
 
 def matrix_to_rpy(rotation: Array) -> Array:
@@ -104,12 +97,7 @@ def pseudo_inertia(parameters: ArrayLike) -> Array:
     identification", IEEE Robotics and Automation Letters 3(1), 2018, eq. (15).
     """
     pi = np.asarray(parameters, dtype=float)
-    origin = np.array([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])
-    matrix = np.empty((4, 4))
-    matrix[:3, :3] = 0.5 * np.trace(origin) * np.eye(3) - origin
-    matrix[:3, 3] = matrix[3, :3] = pi[1:4]
-    matrix[3, 3] = pi[0]
-    return matrix
+    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
 
 
 #: Share of a turn by which a jump may differ from it, and from which a step of such a position is a jump.

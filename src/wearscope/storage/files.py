@@ -205,8 +205,8 @@ def check_plain(path: str | Path, most: int, remedy: str) -> None:
         raise InputError(f"{path}: is larger than {most / 1e6:g} MB; {remedy}.")
 
 
-def read_json(path: str | Path) -> dict[str, Any]:
-    """Content of a JSON file that holds a mapping.
+def read_json(path: str | Path, kind: type = dict) -> Any:
+    """Content of a JSON file that holds a mapping, or another `kind`.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         told = " ".join(str(error).split())[:100]
         raise InputError(f"{path}: is no JSON ({told}); make it again.") from None
-    if not isinstance(content, dict):
+    if not isinstance(content, kind):
         raise InputError(f"{path}: holds no fields; make it again.")
     return content
 
