@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import wearscope.cli
 from wearscope.cli.main import wearscope as command
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.cli.show import print_table
 
 

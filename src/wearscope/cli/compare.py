@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.cli.show import find_results, print_table
 from wearscope.errors import InputError
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.cli.progress import format_seconds
-from wearscope.cli.say import say
+from wearscope.cli.progress import format_seconds, say
 from wearscope.cli.workflow import Progress, explain_failure
 from wearscope.storage.files import DamagedFile
 from wearscope.storage.shown import check_answer

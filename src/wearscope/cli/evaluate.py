@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 
 if TYPE_CHECKING:
     from wearscope.notebook.model_errors import ModelErrors

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 from wearscope.processes import end_process, ignore_settings_here, isolate, open_standard
 from wearscope.storage.files import FULL, explain_unwritten

@@ -8,7 +8,7 @@ import yaml
 
 from wearscope import limits
 from wearscope.cli.new_robot import Numbers, name_after
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 READINGS = ("motor", "link", "without_gravity", "none")

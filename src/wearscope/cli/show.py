@@ -11,7 +11,7 @@ from textwrap import wrap
 import click
 
 from wearscope import limits
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
 from wearscope.storage.shown import check_shown

@@ -13,7 +13,7 @@ from typing import Any
 import click
 import yaml
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError, escape_text, explain_yaml
 from wearscope.home import find_home
 from wearscope.robots.model_file import read_text
