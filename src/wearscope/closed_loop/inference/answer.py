@@ -153,7 +153,7 @@ def find_terms(
     model = moves.settle(moves.explain_rest(model))
     past = [t for t in model.terms if t.effect.name == PAST.name]
     left = {t.joint: _tell_past(problem, model, t) for t in past}
-    model = model.has([t for t in model.terms if t.effect.name != PAST.name])
+    model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
     found = [_judge(moves, model, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)

@@ -233,6 +233,12 @@ class Fit:
         k = next(k for k, t in enumerate(self.terms) if t is term)
         return self.theta[self.spans[k]]
 
+    def measure(self, term: Term) -> np.ndarray:
+        """Gram matrix (m, m) of a term's columns on all rows, weighed."""
+        joints = term.candidate.joints
+        every = (self.gram.total(term.candidate, term.candidate, j) * self.weight[j] for j in joints)
+        return np.asarray(sum(every)[np.ix_(term.columns, term.columns)])
+
     def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Sums of squares (F,) that parameters (F, P) leave at a joint on units (F, U)."""
         own = theta[:, self.at[joint]]

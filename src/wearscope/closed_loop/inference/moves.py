@@ -121,6 +121,12 @@ class Moves:
                 return rest.rescale()
         return None
 
+    def prune(self, model: Model) -> Model:
+        """A model without all terms whose removal makes it more probable."""
+        while (rest := self.drop(model)) is not None:
+            model = rest
+        return model
+
     def add(self, model: Model) -> Model | None:
         """A model with the best term more at each group of coupled joints, where that is more probable."""
         n = model.problem.prepared.n

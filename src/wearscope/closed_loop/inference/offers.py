@@ -13,6 +13,7 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.
 _CANCELS = 12.0
+_CANCELLED = "its columns cancel each other"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,26 +134,30 @@ def _list_at(model: Model, joint: int, asks: Callable[[Effect, int], bool] | Non
             power = max(float(beta @ own @ beta), 1e-300)
             sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
             term = Term(c, subset, s, tried)
-            cancels = c.penalty is None and (
-                np.sqrt(np.maximum(np.diag(own), 0.0) * beta**2 / power).max() > _CANCELS or sine < 1e-3
-            )
-            refusal = _refuse(problem, term, beta) or ("its columns cancel each other" if cancels else "")
+            refusal = _refuse(problem, term, beta, own)
+            if not refusal and c.penalty is None and sine < 1e-3:
+                refusal = _CANCELLED
             offers.append(Offer(term, beta, float(added.gain[s]), sine, refusal))
     return offers
 
 
-def _refuse(problem: Problem, term: Term, beta: np.ndarray) -> str:
-    """Why a term's parameters are not believed; empty where they are."""
+def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> str:
+    """Why coefficients (m,), with their Gram matrix (m, m), are not believed; empty where they are."""
     made = term.model_term
     values = (*beta.tolist(), *made.shape)
     if not all(low <= x <= high for x, (low, high) in zip(values, problem.bounds(made), strict=True)):
         return "a parameter is outside its believable bounds"
-    return "" if abs(float(beta[0])) >= problem.least(made) else "smaller than can be believed"
+    if abs(float(beta[0])) < problem.least(made):
+        return "smaller than can be believed"
+    parts, power = np.maximum(np.diag(own), 0.0) * beta**2, max(float(beta @ own @ beta), 1e-300)
+    free = term.candidate.penalty is None
+    return _CANCELLED if free and np.sqrt(parts / power).max() > _CANCELS else ""
 
 
 def is_believable(model: Model, term: Term) -> bool:
     """Whether a term's parameters are believed in a whole model."""
-    return not _refuse(model.problem, term, model.fit.coefficients(term))
+    beta = model.fit.coefficients(term)
+    return not _refuse(model.problem, term, beta, model.fit.measure(term))
 
 
 def may_gain(score: Score, model: Model, offer: Offer) -> bool:
