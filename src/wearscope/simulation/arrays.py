@@ -138,6 +138,7 @@ class Work(NamedTuple):
     high: np.ndarray
     matrix: np.ndarray
     jacobian: np.ndarray
+    inertia: np.ndarray
 
 
 class Log(NamedTuple):
@@ -195,7 +196,7 @@ def make_state(n: int) -> State:
 
 def make_work(n: int) -> Work:
     """Work arrays for `n` joints."""
-    shapes = {"matrix": (n, n), "jacobian": (n, n)}
+    shapes = {"matrix": (n, n), "jacobian": (n, n), "inertia": (n, n)}
     kinds = {"turning": np.int64, "old_mode": np.int64}
     return Work(*(np.zeros(shapes.get(f, n), dtype=kinds.get(f, np.float64)) for f in Work._fields))
 
