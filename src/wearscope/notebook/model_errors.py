@@ -32,6 +32,8 @@ HORIZONS = (0.1, 0.5, 2.0)
 MOST_ROLLOUTS = 20
 #: A joint moves above this share of its highest speed.
 MOVING = 0.01
+#: Speed [rad/s or m/s] that a joint at rest has by rounding at most.
+_ROUNDING = 1e-9
 _SEED, _DRAWS = 17, 400
 
 
@@ -150,7 +152,9 @@ def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun)
     reference = make_reference(run)
     count = len(reference.t)
     length = len(range(count)[rows(run.band, count)])
-    keep, measured = run.keep[:length], run.measured[:length]
+    # Friction at rest may be any up to break-away: a joint that stands still is not judged.
+    moves = (np.abs(run.signals.v) > np.maximum(MOVING * prepared.top_speed, _ROUNDING)).any(axis=0)
+    keep, measured = run.keep[:length] & moves, run.measured[:length]
     try:
         loaded = with_payload(model, prepared, run)
         made = simulate_forward(
