@@ -132,7 +132,7 @@ def _probe_slopes(
 ):  # fmt: skip
     """Add the slopes of a term's torque against the speeds that it may depend on.
 
-    The load moves with the accelerations, where `inertia` (n, n) is that of the links in front of rigid gears.
+    The load moves with the accelerations by `inertia` (n, n), that of the links in front of rigid gears.
     """
     load, moves_load = motion.load[j], terms.loaded[j] and inertia[j, j] > 0.0
     for other in range(len(mode)):
@@ -203,7 +203,8 @@ def evaluate_terms(
             continue
         if terms.coupled[j] or np.isnan(slope[j]):
             _probe_slopes(
-                row, terms, i, here, mode, speed_before, jacobian, inertia, j, t, dt, motion, temperature, wear
+                row, terms, i, here, mode, speed_before, jacobian, inertia, j, t, dt, motion, temperature,
+                wear,
             )  # fmt: skip
     for j in range(n):
         if mode[j] != 0:
