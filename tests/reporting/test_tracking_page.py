@@ -69,7 +69,7 @@ def write(folder, outcome=OUTCOME):
 def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     text = re.sub(r"<[^>]+>", "", write(tmp_path))
     assert (
-        "Coulomb friction of a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; "
+        "Coulomb friction at a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; "
         "viscous friction would explain it as well." in text
     )
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
@@ -149,7 +149,7 @@ def test_a_body_is_told_in_kg_and_needs_no_maintenance():
     moment = BODY | {"parameter": "moment_x", "change": 0.1, "ci95": [0.08, 0.12], "unit": "kg m"}
     sessions = [{"session": "d4", "changes": [BODY, moment], "cannot_tell": [], "smallest_visible": SEEN}]
     strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
-    assert "+0.5 kg since d4" in strip.answer and "kg m" not in strip.answer
+    assert "weight on the link of a by +0.5 kg since d4" in strip.answer and "kg m" not in strip.answer
     assert "maintenance" not in str(strip.action)
     assert tell_entry(BODY).endswith("; or on the link that b moves.")
 

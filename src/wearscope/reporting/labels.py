@@ -31,6 +31,8 @@ PARAMETERS = {
     "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
     "cosine2": "amplitude of the cosine of twice the position",
 }  # fmt: skip
+#: Effects that a session names otherwise than a data set does, up to their joint.
+_CHANGES = {"payload_error": "weight on the link of"}
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
 
@@ -49,6 +51,11 @@ def effect_name(code: str) -> str:
     from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
 
     return next((one.title for one in list_effects() if one.name == code and one.title), words(code))
+
+
+def change_name(code: str, joint: str) -> str:
+    """A change between sessions and where it is: ``viscous friction at j2``, ``weight on the link of j2``."""
+    return f"{_CHANGES[code]} {joint}" if code in _CHANGES else f"{effect_name(code)} at {joint}"
 
 
 def parameter_name(code: str) -> str:

@@ -15,6 +15,7 @@ from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
 from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
+    change_name,
     count_text,
     effect_name,
     join_words,
@@ -177,7 +178,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
     """What changed on a machine in its last session, and what that session cannot tell."""
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
-        f"{effect_name(one['effect'])} at {one['joint']} {_tell_size(tracking, one)} since {one['since']}"
+        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)} since {one['since']}"
         for one in list_first(last["changes"])
     ]
     if len(changes) > _MOST_TOLD:
@@ -238,7 +239,7 @@ def _ends(ends: Any) -> str:
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    said = f"{effect_name(entry['effect'])} of {entry['joint']}: {parameter_name(entry['parameter'])} "
+    said = f"{change_name(entry['effect'], entry['joint'])}: {parameter_name(entry['parameter'])} "
     said += f"{_size(entry)} (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
     if entry.get("anywhere"):
         said += f"; or on the link that {join_words(entry['anywhere'], 'or')} moves"
