@@ -18,7 +18,13 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip, render_parameters
+from wearscope.reporting.loop_outcome import (
+    describe_joint,
+    doubt_simulation,
+    draw_curves,
+    loop_strip,
+    render_parameters,
+)
 from wearscope.reporting.loop_words import conclude_loop
 from wearscope.storage import tables
 
@@ -278,6 +284,23 @@ def test_failed_simulation_is_an_alarm(tmp_path):
     html = page(tmp_path)
     assert html.count('<div class="alarm">') == 1
     assert "Simulated forward, model after: 1 of 1 runs: failed: the robot fell over" in html
+    # What cannot be simulated is not recommended as a robot of a study.
+    action = str(loop_strip(read_closed_loop(tmp_path)).action)
+    assert action.startswith("The corrected model cannot be simulated: the robot fell over")
+    assert "as a robot of a study" not in action
+
+
+@pytest.mark.parametrize(("after", "worse"), [(2.0, True), (1.1, False)])
+def test_a_simulation_that_strays_further_than_the_declared_model_s_is_said(after, worse):
+    rows = [
+        {"joint": joint, "run": "all", "stage": stage, "outcome": "ok", "motion_rms": middle,
+         "motion_rms_low": 0.9 * middle, "motion_rms_high": 1.1 * middle}
+        for joint, stage, middle in (("a", "before", 1.0), ("a", "after", after), ("b", "before", 1.0),
+                                     ("b", "after", 0.5))
+    ]  # fmt: skip
+    told = doubt_simulation(pd.DataFrame(rows))
+    assert ("further from the measured motion at a: 2 against 1." in told) == worse and bool(told) == worse
+    assert doubt_simulation(None) == ""
 
 
 def test_events_and_thresholds_are_on_the_page(tmp_path):

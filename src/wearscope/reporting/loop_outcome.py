@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.closed_loop import (
@@ -99,6 +100,8 @@ def _advise(loop: ClosedLoop) -> Markup:
     if kept and not sure:
         text = Markup("The test runs do not decide: record one of faster or wider motion, ")
         return text + "and diagnose again."
+    if kept and (doubt := doubt_simulation(loop.forward)):
+        return Markup.escape(doubt)
     if kept:
         text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
         if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
@@ -110,6 +113,32 @@ def _advise(loop: ClosedLoop) -> Markup:
         text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
         return text + "a missing effect over a signal."
     return Markup("Keep the declared model; record another motion if you doubt it.")
+
+
+def doubt_simulation(forward: pd.DataFrame | None) -> str:
+    """What speaks against the corrected model in a simulator, and what to use it for; empty where nothing.
+
+    Parameters
+    ----------
+    forward : DataFrame or None
+        As ``forward.parquet``.
+    """
+    if forward is None:
+        return ""
+    whole = forward[forward["run"] == "all"].set_index(["stage", "joint"])
+    before, after = whole.loc["before"], whole.loc["after"]
+    usable = "Use it for torques along a measured motion; in a simulation keep the declared model."
+    for outcome in after["outcome"][(before["outcome"] == "ok") & (after["outcome"] != "ok")]:
+        return (
+            f"The corrected model cannot be simulated: {outcome.partition('failed: ')[2] or outcome} {usable}"
+        )
+    worse = after.index[after["motion_rms_low"] > before["motion_rms_high"]]
+    if not len(worse):
+        return ""
+    joint = (after["motion_rms"] / before["motion_rms"])[worse].idxmax()
+    ends = " against ".join(format_number(one.at[joint, "motion_rms"], 2) for one in (after, before))
+    told = f"Simulated, the corrected model strays further from the measured motion at {joint}: {ends}."
+    return f"{told} {usable}"
 
 
 def _caveat(loop: ClosedLoop) -> str:
