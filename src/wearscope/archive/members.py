@@ -108,9 +108,13 @@ def extract_archive(path: str | Path, folder: Path) -> None:
     OSError
         Where the disk refuses one.
     """
-    now = time.time()
     with tarfile.open(path, "r:") as tar:
-        tar.extractall(folder, filter=lambda one, to: tarfile.data_filter(one, to).replace(mtime=now))
+        tar.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 brought it
+        members = tar.getmembers()
+        now = time.time()
+        for member in members:
+            member.mtime = now
+        tar.extractall(folder, members)
 
 
 def read_member(path: str | Path, name: str) -> bytes:
