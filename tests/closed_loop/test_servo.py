@@ -10,7 +10,7 @@ import pytest
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.servo import merge_notes, restore_duty, take_torques
-from wearscope.closed_loop.speed_torque import list_speed_torques
+from wearscope.closed_loop.verdict import list_speed_torques
 from wearscope.errors import InputError
 from wearscope.robots.servos import read_servos
 
