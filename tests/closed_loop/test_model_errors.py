@@ -101,7 +101,7 @@ def test_tables_keep_their_units(right, tmp_path):
 @pytest.mark.parametrize(("joints", "still"), [(("a",), "b"), (("b",), "a")])
 def test_what_was_judged_is_said_first(recorded, joints, still, noise, tmp_path):
     """One joint stands still: its torque is not judged, and the sentence speaks of the other one alone."""
-    from wearscope.cli.evaluate import tell_errors
+    from wearscope.cli.evaluate import list_worst, tell_errors
 
     folder = tmp_path / "few"
     shutil.copytree(recorded, folder)
@@ -115,5 +115,9 @@ def test_what_was_judged_is_said_first(recorded, joints, still, noise, tmp_path)
     assert 0.8 * seconds < found.judged["seconds"] <= seconds and found.judged["refused"] == []
     said = tell_errors(found)
     assert said.startswith(f"Judged at 1 of 2 joints ({joints[0]}), for ") and f"at {still}" not in said
+    rows = {joint: rest for joint, *rest in list_worst(found)}
+    assert list(rows) == ["a", "b"] and rows[still][1] == "n/a" and rows[joints[0]][3].endswith("after 2 s")
+    worst = found.torque.set_index("joint").loc[[joints[0]], "error_percent"].max()
+    assert float(rows[joints[0]][1].split()[0]) == pytest.approx(worst, rel=0.06)
     found.write(tmp_path / "out")
     assert json.loads((tmp_path / "out" / "evaluation.json").read_text())["judged"] == found.judged

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from wearscope.cli.workflow import wait_turn
 from wearscope.storage import shown
 from wearscope.storage.checksums import CHECKSUMS
 from wearscope.storage.files import DamagedFile
@@ -100,3 +101,17 @@ def test_an_answer_from_before_lists_were_kept_gives_its_place(tmp_path):
     show_answer(made, folder)
     assert set(read(folder)) == {*NEW, "close_loop.log"}
     assert shown.READY not in os.listdir(folder)
+
+
+def test_what_a_run_makes_just_now_is_said(tmp_path):
+    made, folder = make(tmp_path, NEW)
+    show_answer(made, folder)
+    (folder / "verdict.json").unlink()
+    with pytest.raises(DamagedFile, match="though it was written; make it again"):
+        check_answer(folder / "report.html")
+    with wait_turn(tmp_path / "study", print):
+        (tmp_path / "loops").rename(tmp_path / "study" / "results" / "loops")
+        with pytest.raises(DamagedFile, match="is being made; look again when the run has ended"):
+            check_answer(tmp_path / "study" / "results" / "loops" / "arm" / "report.html")
+        (tmp_path / "study" / "results" / "loops" / "arm" / "verdict.json").write_text(NEW["verdict.json"])
+        check_answer(tmp_path / "study" / "results" / "loops" / "arm" / "report.html")

@@ -23,6 +23,7 @@ from wearscope.home import find_home
 from wearscope.processes import PYTHON, STARTER, identify_process, isolate
 from wearscope.storage.files import FULL, check_plain, explain_unwritten, open_new, write_text
 from wearscope.storage.plain_yaml import load_plain_yaml, take_label
+from wearscope.storage.shown import LOCK
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
 _PLANNED = re.compile(r"^total\s+(\d+)$")
@@ -205,7 +206,7 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
 @contextmanager
 def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Wait until no other command computes in a folder: of two at once, one would miss files of the other."""
-    path = folder / "results" / ".wearscope.lock"
+    path = folder / "results" / LOCK
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)

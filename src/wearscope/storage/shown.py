@@ -4,6 +4,7 @@ Jobs make it in a folder of their own. Then its files take the place of the old 
 `READY`, which appears in one step, holds them until each has its place. Whoever looks next finishes that.
 """
 
+import fcntl
 import json
 import os
 import shutil
@@ -11,10 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 
 from wearscope.storage.checksums import ANSWERS, CHECKSUMS, check_file, record_checksums
-from wearscope.storage.files import set_aside, write_new, write_text
+from wearscope.storage.files import DamagedFile, set_aside, write_new, write_text
 
 #: Where jobs make answers, next to the folders in which they are shown, and the list of its files.
 MADE, LIST = ".made", "shown.json"
+#: Held by the run that works in a folder of results.
+LOCK = ".wearscope.lock"
 #: What has taken its place or not yet, and what is still being gathered.
 READY, GATHERED = ".ready", ".gathered"
 #: Files of an answer from before lists were kept.
@@ -83,7 +86,13 @@ def check_shown(path: str | Path) -> None:
     settle(path.parent)
     for folder in path.parents:
         if (folder / CHECKSUMS).is_dir():
-            check_file(folder, path)
+            try:
+                check_file(folder, path)
+            except DamagedFile:
+                if path.is_file() or not _is_busy(path):
+                    raise
+                told = f"{path}: is being made; look again when the run has ended."
+                raise DamagedFile(path, told) from None
 
 
 def check_answer(page: str | Path) -> None:
@@ -96,6 +105,18 @@ def check_answer(page: str | Path) -> None:
     """
     for name in (*ANSWERS, Path(page).name):
         check_shown(Path(page).with_name(name))
+
+
+def _is_busy(path: Path) -> bool:
+    """Whether a run works in the folder of results that a file is in."""
+    for folder in path.parents:
+        if (folder / LOCK).is_file():
+            with suppress(OSError), open(folder / LOCK) as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    return True
+    return False
 
 
 def _list_shown(folder: Path) -> list[str]:
