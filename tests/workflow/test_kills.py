@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import clones
@@ -132,22 +133,19 @@ def test_an_interrupt_ends_all_within_seconds(tmp_path, number):
 @pytest.mark.slow
 def test_a_job_that_somebody_kills_is_tried_once_more(undisturbed, fresh):
     """As the kernel does where memory is short; the study ends as one in which nothing was killed."""
-    study = subprocess.Popen(
-        clones.command(cores=2), cwd=fresh, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
     killed = []
-    while study.poll() is None and not killed:
-        for process in list_processes(fresh):
-            words = (
-                Path(f"/proc/{process}/cmdline").read_bytes() if Path(f"/proc/{process}").exists() else b""
-            )
-            if b".snakemake/scripts/" in words and b"bash" not in words and not killed:
-                os.kill(process, signal.SIGKILL)
-                killed.append(process)
-        time.sleep(0.02)
-    said, _ = study.communicate()
-    assert killed and study.returncode == 0, said
-    assert "Trying to restart job" in said
+    with open(fresh / "said.txt", "w") as file:
+        study = subprocess.Popen(clones.command(cores=2), cwd=fresh, stdout=file, stderr=subprocess.STDOUT)
+        while study.poll() is None and not killed:
+            for process in list_processes(fresh):
+                with suppress(OSError):
+                    words = Path(f"/proc/{process}/cmdline").read_bytes()
+                    if b".snakemake/scripts/" in words and b"bash" not in words and not killed:
+                        os.kill(process, signal.SIGKILL)
+                        killed.append(process)
+            time.sleep(0.02)
+        assert study.wait() == 0
+    assert killed and "Trying to restart job" in (fresh / "said.txt").read_text()
     check_finished(fresh, undisturbed[0])
 
 
