@@ -3,7 +3,8 @@
 python -m benchmarks.columns [--part right|wrong] [--first 0] [--cases 40] [--seed 0] [--out DIR]
 
 Planted machines of both generators are checked as they are: each refusal is without cause. Then each fault of
-a column is made in the recordings of some of them, and what intake says is compared with what was done.
+a column, and some pairs of faults, are made in the recordings of some of them, and what intake says is
+compared with what was done.
 """
 
 import argparse
@@ -298,6 +299,30 @@ FAULTS = {
     "clipped": (clip, ("clipped tau", "at a limit"), False),
 }
 
+#: Pairs of faults that are made one after the other; each of them must be told.
+PAIRS = (
+    ("sign of one torque", "zero a quarter turn off"),
+    ("torques exchanged", "zero a quarter turn off"),
+    ("position turned", "torques in mN m"),
+    ("positions in degrees", "sign of all torques"),
+    ("40 ms late", "sign of one torque"),
+    ("zero a quarter turn off", "60 ms late"),
+)
+
+
+def list_faults(wanted):
+    """Single faults and pairs by their names, each as changes and the words of which one must tell it."""
+    names = [*((name,) for name in FAULTS), *PAIRS]
+    found = {" and ".join(pair): [FAULTS[name] for name in pair] for pair in names}
+    return {name: parts for name, parts in found.items() if not wanted or name in wanted}
+
+
+def make(folder, faults, rng):
+    """Folder with faults in it; None where one of them does not apply."""
+    for fault, _, _ in faults:
+        folder = folder and fault(folder, rng)
+    return folder
+
 
 def ask(place):
     """What intake says of a folder: a refusal's codes, or `TAKEN` and its notes."""
@@ -311,13 +336,21 @@ def ask(place):
     return (codes[1] if codes else text), text
 
 
-def judge(said, text, told, harmless):
-    """``right``, ``other`` (refused as something else) or ``silent``."""
-    if any(code in said or (said == TAKEN and code in text) for code in told):
+def judge(said, text, faults):
+    """``right``, ``part`` (one of two is told), ``other`` (refused as something else) or ``silent``.
+
+    Parameters
+    ----------
+    said, text : str
+    faults : list of (tuple of str, bool)
+        Words of which one tells a fault, and whether taking it is harmless.
+    """
+    told = [any(one in said or (said == TAKEN and one in text) for one in words) for words, _ in faults]
+    if all(found or (said == TAKEN and harmless) for found, (_, harmless) in zip(told, faults, strict=True)):
         return "right"
-    if said == TAKEN:
-        return "right" if harmless else "silent"
-    return "other"
+    if any(told):
+        return "part"
+    return "silent" if said == TAKEN else "other"
 
 
 def note(case, fault, said, text, result, begun):
@@ -355,27 +388,26 @@ def main(arguments=None):
             case.make(place)
             begun = time.process_time()
             said, text = ask(place)
-            rows.append(note(case, "none", said, text, judge(said, text, (), True), begun))
+            rows.append(note(case, "none", said, text, judge(said, text, [((), True)]), begun))
             print(f"{case.name} none: {said if said == TAKEN else text}", flush=True)
             if given.part == "right" or said != TAKEN:
                 continue
             folder = Folder(place)
-            for name, (fault, told, harmless) in FAULTS.items():
-                if given.fault and name not in given.fault:
-                    continue
+            for name, faults in list_faults(given.fault).items():
                 if name == "wraps round" and folder._slides()[folder.widest]:
                     continue
                 rng = np.random.default_rng(given.seed)
                 other = Path(scratch) / "fault"
                 shutil.rmtree(other, ignore_errors=True)
-                changed = fault(folder, rng)
+                changed = make(folder, faults, rng)
                 if changed is None:
                     continue
                 changed.write(other)
-                words = [one.format(largest=folder.joints[folder.largest]) for one in told]
+                largest = folder.joints[folder.largest]
+                words = [([one.format(largest=largest) for one in told], ok) for _, told, ok in faults]
                 begun = time.process_time()
                 said, text = ask(other)
-                result = judge(said, text, words, harmless)
+                result = judge(said, text, words)
                 rows.append(note(case, name, said, text, result, begun))
                 print(f"{case.name} {name}: {result}: {said[:120]}", flush=True)
     table = pd.DataFrame(rows)
