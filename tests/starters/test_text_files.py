@@ -180,7 +180,7 @@ def test_lists_in_json_are_columns(lines, tmp_path):
 def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
     (tmp_path / "a.jsonl").write_text('{"time": 0, "q": {"left": 1, "right": 2}}\n' * 9)
     with pytest.raises(
-        InputError, match="column 'q' holds values of several parts, or named ones; give each a column"
+        InputError, match="column 'q' holds bytes, or values of several or named parts; give each a column"
     ):
         read_recording(tmp_path / "a.jsonl")
     np.savez(tmp_path / "b.npz", q=np.array([{}], dtype=object))

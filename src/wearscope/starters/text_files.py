@@ -99,10 +99,12 @@ def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, li
 
 
 def _find_encoding(path: Path) -> str:
-    """UTF-16 by its mark, UTF-8 where all of the file is such, else Latin-1."""
+    """UTF-16 and UTF-32 by their marks, UTF-8 where all of the file is such, else Latin-1."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         block = file.read(1 << 20)
+        if block[:4] in (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE):
+            return "utf-32"
         if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
             return "utf-16"
         try:
