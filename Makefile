@@ -84,7 +84,7 @@ setup: $(VENV)/installed
 $(VENV)/installed: $(VENV)/locked pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@echo "Compiling what studies run (up to a minute) ..."
-	@$(BIN)/python -m wearscope.compiled
+	@$(BIN)/python -m wearscope.jobs.compiled
 	@$(BIN)/snakemake --version >/dev/null
 	@touch $@
 

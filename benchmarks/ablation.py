@@ -19,7 +19,7 @@ from benchmarks.runner import make_parser, run_cases
 from wearscope.closed_loop.inference.moves import Moves
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.run import close_loop
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 NUMBERS = ("form_error", "most_rows", "name_odds", "unknown_odds", "structure_share")
 """Of the policy: those of the score."""

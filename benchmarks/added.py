@@ -27,7 +27,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from benchmarks.stability import list_changes
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 #: Speed of a Stribeck's fall, and width of a reversal, over the largest speed.
 FALL, WIDTH = 0.08, 0.01

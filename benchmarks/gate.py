@@ -24,7 +24,7 @@ from benchmarks.outside.drawn import draw_case
 from benchmarks.paired import compare, write_comparison
 from benchmarks.runner import run_cases
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.tables import read_table, write_text
+from wearscope.storage.tables import read_table, write_text
 
 SEED = 301
 """Of the development cases."""

@@ -38,12 +38,12 @@ from benchmarks.outside.planted import Case, Plant
 from benchmarks.scoring import TIMES, score_case
 from wearscope.closed_loop import diagnosis
 from wearscope.closed_loop.diagnostics import structure
+from wearscope.closed_loop.inference.policy import Policy
 from wearscope.effects.base import Effect, load_effect
 from wearscope.effects.vocabulary import empirical_effect
 
 ADDED = ("collision", "hum", "run_friction", "run_offset")
-WAYS = ("_from_withdrawn", "_from_left", "_from_dependence", "see_repeats", "_from_runs", "see_level",
-        "see_jumps", "see_shifts", "see_lines", "_from_test")  # fmt: skip
+WAYS = ("_from_withdrawn", "_from_left", "see_motion", "see_runs", "see_time", "see_test_error")
 KINDS = ("null", "outside", "null", "one", "outside", "added")
 
 
@@ -211,7 +211,7 @@ def judge(given):
             begun = time.process_time()
             seen = see(*arguments)
             seconds[way] += time.process_time() - begun
-            log.append((way, bool(seen)))
+            log.append((way, any(one.share >= Policy().structure_share for one in seen)))
             return seen
 
         return look

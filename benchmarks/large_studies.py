@@ -16,8 +16,8 @@ import numpy as np
 import psutil
 import yaml
 
-from wearscope.files import write_text
 from wearscope.processes import STARTER, identify_process
+from wearscope.storage.files import write_text
 
 ROOT = Path(__file__).parents[1]
 #: Of a point of `write_study`'s robot, measured in partitions of 1,000 points (docs/cluster.md).

@@ -16,7 +16,7 @@ import pandas as pd
 from statsmodels.stats.contingency_tables import mcnemar
 
 from wearscope.errors import InputError
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 SCORES: dict[str, Callable[[pd.DataFrame], pd.Series]] = {
     "exact": lambda cases: _flag(cases["exact"], 1.0),

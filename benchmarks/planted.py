@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.bases import model_matrix, model_terms
+from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.kinds import make_design, validation_design
-from wearscope.designs.seeds import generator_for
-from wearscope.designs.views import view_for_axis
+from wearscope.designs.kinds import generator_for, make_design, validation_design
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, VALIDATION, cell_name
 
 PAPER_OPTIONS = {"generators": {"w5": "f w1 w2 w3 w4"}}

@@ -17,8 +17,8 @@ import pandas as pd
 
 from benchmarks.scoring import score_case
 from benchmarks.summary import summarise, write_markdown
-from wearscope.tables import write_table, write_text
-from wearscope.verdicts import read_verdict
+from wearscope.storage.tables import write_table, write_text
+from wearscope.storage.verdicts import read_verdict
 
 Closer = Callable[[Path, Path], Any]
 TIME_LIMIT = 300.0

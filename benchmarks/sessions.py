@@ -35,6 +35,36 @@ FRICTION = {
 RATE, SECONDS = 100.0, 20.0
 
 
+def describe_arm(lengths, masses, axes, raised=0.1):
+    """URDF of links along x, joints ``j1`` on; centres of mass raised by a share of the length."""
+    parts, parent, at = ['<robot name="arm"><link name="base"/>'], "base", 0.0
+    for k, (length, m, axis) in enumerate(zip(lengths, masses, axes, strict=True)):
+        i = m * length**2 / 12
+        parts.append(
+            f'<link name="l{k}"><inertial><mass value="{m}"/>'
+            f'<origin xyz="{length / 2} 0 {raised * length}"/>'
+            f'<inertia ixx="{i / 6}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="j{k + 1}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
+            f'<origin xyz="{at} 0 0"/><axis xyz="{axis}"/>'
+            '<limit lower="-6" upper="6" effort="1000" velocity="20"/></joint>'
+        )
+        parent, at = f"l{k}", length
+    return "\n".join([*parts, "</robot>"])
+
+
+def write_fields(folder, name, joints, runs, reference):
+    """Write ``dataset.yaml``."""
+    fields = {
+        "name": name,
+        "robot": {"urdf": "robot.urdf", "joints": joints},
+        "sample_rate": RATE,
+        "declared_effects": ["rigid_body", "coulomb", "viscous"],
+        "runs": runs,
+        "reference": reference,
+    }
+    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False))
+
+
 class Arm:
     """An arm with its friction and noise."""
 
@@ -46,7 +76,8 @@ class Arm:
         axes = ["0 1 0", "1 0 0", "0 0 1"]
         self.axes = ["0 1 0", *(axes[k] for k in rng.choice(3, self.n - 1, p=[0.6, 0.2, 0.2]))][: self.n]
         self.joints = [f"j{k + 1}" for k in range(self.n)]
-        self.model = pin.buildModelFromXML(self.urdf())
+        self.urdf = describe_arm(self.lengths, self.masses, self.axes)
+        self.model = pin.buildModelFromXML(self.urdf)
         self.coulomb, self.viscous, self.noise = np.zeros((3, self.n))
         self.slow = 0.4 * rng.uniform() if rng.uniform() < 0.3 else 0.0
         self.heat = 0.01 if rng.uniform() < 0.5 else 0.0
@@ -60,23 +91,6 @@ class Arm:
         self.viscous = 0.6 * share * usual / np.sqrt(np.mean(v**2, axis=0))
         self.noise = rng.uniform(0.003, 0.02, self.n) * usual
         self.usual = usual
-
-    def urdf(self):
-        """The arm as it is declared."""
-        parts, parent, at = ['<robot name="arm"><link name="base"/>'], "base", 0.0
-        for k, (name, axis) in enumerate(zip(self.joints, self.axes, strict=True)):
-            m, length = self.masses[k], self.lengths[k]
-            i = m * length**2 / 12
-            parts.append(
-                f'<link name="l{k}"><inertial><mass value="{m}"/>'
-                f'<origin xyz="{length / 2} 0 {0.1 * length}"/>'
-                f'<inertia ixx="{i / 6}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-                f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
-                f'<origin xyz="{at} 0 0"/><axis xyz="{axis}"/>'
-                '<limit lower="-6" upper="6" effort="1000" velocity="20"/></joint>'
-            )
-            parent, at = f"l{k}", length
-        return "\n".join([*parts, "</robot>"])
 
     def move(self, rng):
         """Time, positions, speeds and accelerations: sums of sines."""
@@ -154,7 +168,7 @@ def write_machine(folder, number, seed):
     healthy = int(rng.integers(3, 5))
     hand = number % 3 == 2
     (folder / "runs").mkdir(parents=True)
-    (folder / "robot.urdf").write_text(arm.urdf())
+    (folder / "robot.urdf").write_text(arm.urdf)
     warmth = rng.uniform(25, 45, healthy) if arm.heat else np.full(healthy, 30.0)
     changes = [{"kind": "healthy", "joint": 0, "temperature": float(x)} for x in warmth]
     if hand:
@@ -166,15 +180,7 @@ def write_machine(folder, number, seed):
         table.to_parquet(folder / "runs" / f"{k:02d}.parquet", index=False)
         runs.append({"file": f"runs/{k:02d}.parquet", "use": "test" if k == healthy else "train"})
         runs[-1]["session"] = f"s{k:02d}"
-    fields = {
-        "name": f"m{number}",
-        "robot": {"urdf": "robot.urdf", "joints": arm.joints},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "coulomb", "viscous"],
-        "runs": runs,
-        "reference": [f"s{k:02d}" for k in range(healthy)],
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False))
+    write_fields(folder, f"m{number}", arm.joints, runs, [f"s{k:02d}" for k in range(healthy)])
     planted = {f"s{k:02d}": change for k, change in enumerate(changes) if k >= healthy}
     return arm, planted, "s01" if hand else None
 

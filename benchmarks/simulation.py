@@ -19,9 +19,8 @@ import numpy as np
 
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import RobotModel, load_model
-from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.study import Conditions, Simulator
-from wearscope.simulation.world import World
+from wearscope.simulation.world import World, pybullet
 
 ROBOTS = Path(__file__).parents[1] / "config" / "robots"
 WORN = Conditions(wear=(20.0, 20.0, 20.0), temperature=45.0, payload_mass_error=0.05)

@@ -29,7 +29,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake import preprocessing
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 FACTORS = (0.7, 1.3)
 SPRING = 0.1

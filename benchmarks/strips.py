@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wearscope import tables
 from wearscope.evaluation.certain_changes import SURE
+from wearscope.storage import tables
 
 #: Verdicts of a detector that has decided.
 _DECIDED = ("alarm", "no alarm")

@@ -89,7 +89,7 @@ def main() -> None:
         if given.first:
             write_first_study(folder / "first.yaml")
         source = os.environ | {"PYTHONPATH": str(folder / "src")}
-        compiling, *_ = run_timed([sys.executable, "-m", "wearscope.compiled"], folder, source)
+        compiling, *_ = run_timed([sys.executable, "-m", "wearscope.jobs.compiled"], folder, source)
         load = os.getloadavg()[0]
         elapsed, processor, own = run_timed(command, folder)
         loads = f"load {load:.1f} before, {os.getloadavg()[0]:.1f} after"

@@ -6,7 +6,8 @@ import tarfile
 
 import pandas as pd
 
-from wearscope import archive, tables
+from wearscope.archive import packing
+from wearscope.storage import tables
 
 #: Represents the code that made a study.
 CODE = [__file__]
@@ -24,7 +25,7 @@ def pack(tmp_path, name, shift=0.0, config=None):
     folder = tmp_path / name
     files = make_study(folder, shift)
     path = tmp_path / f"{name}.tar"
-    archive.pack_study(path, folder, files, config or {"study": "tiny", "seed": 0}, CODE)
+    packing.pack_study(path, folder, files, config or {"study": "tiny", "seed": 0}, CODE)
     return path
 
 

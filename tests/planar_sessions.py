@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pinocchio as pin
-import yaml
 
-RATE = 100.0
+from benchmarks.sessions import RATE, describe_arm, write_fields
 
 
 class Planar:
@@ -18,7 +17,7 @@ class Planar:
         self.noise, self.centre, self.amplitude = noise, np.array(centre), np.array(amplitude)
         self.frequencies, self.t = frequencies, np.arange(0.0, seconds, 1.0 / RATE)
         self.joints = [f"j{k + 1}" for k in range(len(links))]
-        self.urdf = _write_urdf(links)
+        self.urdf = describe_arm(*zip(*links, strict=True), ["0 1 0"] * len(links), raised=0.0)
         self.model = pin.buildModelFromXML(self.urdf)
 
     def move(self, rng):
@@ -61,28 +60,5 @@ def write_planar(folder: Path, arm: Planar, sessions: dict, reference: int, seed
         table.to_parquet(folder / "runs" / f"{name}.parquet")
         use = "train" if k < reference else "test"
         runs.append({"file": f"runs/{name}.parquet", "use": use, "session": name})
-    fields = {
-        "name": folder.name,
-        "robot": {"urdf": "robot.urdf", "joints": arm.joints},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "coulomb", "viscous"],
-        "runs": runs,
-        "reference": list(sessions)[:reference],
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+    write_fields(folder, folder.name, arm.joints, runs, list(sessions)[:reference])
     return folder
-
-
-def _write_urdf(links):
-    parts, parent, at = ['<robot name="planar"><link name="base"/>'], "base", 0.0
-    for k, (length, mass) in enumerate(links):
-        inertia = mass * length**2 / 12
-        parts.append(
-            f'<link name="l{k}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia / 10}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/>'
-            f'</inertial></link><joint name="j{k + 1}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="l{k}"/><origin xyz="{at} 0 0"/><axis xyz="0 1 0"/>'
-            '<limit lower="-6" upper="6" effort="4000" velocity="20"/></joint>'
-        )
-        parent, at = f"l{k}", length
-    return "\n".join([*parts, "</robot>"])

@@ -25,7 +25,7 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.regimes import PARTS, Case, draw_axes, make_case
 from benchmarks.summary import tell_share
 from wearscope.demonstration.motions import Motion
-from wearscope.tables import write_table, write_text
+from wearscope.storage.tables import write_table, write_text
 
 #: What all cases have in common: little to learn from, and nothing wrong but the plant.
 COMMON = {

@@ -13,7 +13,7 @@ from benchmarks.board.physics import Behaviour, Setting
 from benchmarks.board.recipe import Recipe, make_stream
 from wearscope.demonstration.machine import Machine
 from wearscope.demonstration.twin import quantise
-from wearscope.tables import write_table, write_text
+from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 

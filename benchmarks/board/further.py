@@ -23,7 +23,7 @@ from benchmarks.board.recipe import RunPlan, make_stream
 from benchmarks.board.regimes import Case
 from wearscope.demonstration.motions import Motion
 from wearscope.demonstration.twin import quantise
-from wearscope.tables import write_table, write_text
+from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from benchmarks.board.recipe import Planted, Recipe, RunPlan, make_stream
 from benchmarks.board.separability import CONTAINED, accepted_names
 from benchmarks.board.terms import Term
 from wearscope.errors import InputError
-from wearscope.tables import write_table, write_text
+from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from benchmarks.board.physics import Active, Behaviour, Setting, Structural, beh
 from benchmarks.board.recipe import RunPlan, make_stream
 from benchmarks.board.session_cases import Day, SessionCase
 from benchmarks.board.terms import Signals, Term, temperature_dependent_friction
-from wearscope.tables import write_text
+from wearscope.storage.tables import write_text
 
 Array = NDArray[np.float64]
 

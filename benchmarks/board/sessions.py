@@ -19,7 +19,7 @@ import pandas as pd
 from benchmarks.board.session_cases import KINDS, draw_case
 from benchmarks.board.session_folder import write_sessions
 from benchmarks.board.session_score import score_sessions, summarise_sessions
-from wearscope.tables import read_table, write_table, write_text
+from wearscope.storage.tables import read_table, write_table, write_text
 
 
 def run_session_case(

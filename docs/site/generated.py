@@ -18,8 +18,8 @@ from wearscope.effects.base import Effect, Parameter, load_effect
 #: Modules of the reference by heading.
 REFERENCE = {
     "In a notebook": [
-        "wearscope.study", "wearscope.notebook.calls", "wearscope.notebook.results", "wearscope.one_run",
-        "wearscope.closed_loop.diagnosis", "wearscope.example",
+        "wearscope.notebook.study", "wearscope.notebook.calls", "wearscope.notebook.results",
+        "wearscope.notebook.one_run", "wearscope.closed_loop.diagnosis", "wearscope.home",
     ],
     "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
     "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],
@@ -28,14 +28,13 @@ REFERENCE = {
     "Simulation": ["wearscope.simulation.study", "wearscope.simulation.recording"],
     "Detectors": ["wearscope.detectors.base"],
     "Surrogates": [
-        "wearscope.surrogates.fitting", "wearscope.surrogates.goodness", "wearscope.surrogates.validation",
+        "wearscope.surrogates.fitting", "wearscope.surrogates.kinds.base", "wearscope.surrogates.validation",
     ],
     "Evaluation": [
         "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.ranking",
-        "wearscope.evaluation.scope",
-        "wearscope.evaluation.scope_exact", "wearscope.evaluation.scope_kde",
+        "wearscope.evaluation.scope", "wearscope.evaluation.scope_kde",
     ],
-    "Tables and errors": ["wearscope.tables", "wearscope.errors"],
+    "Tables and errors": ["wearscope.storage.tables", "wearscope.errors"],
 }  # fmt: skip
 
 

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
     from wearscope.errors import InputError
-    from wearscope.example import example_dataset
+    from wearscope.home import example_dataset
     from wearscope.notebook.calls import detect, diagnose, evaluate, track
-    from wearscope.one_run import simulate
-    from wearscope.study import Study
+    from wearscope.notebook.one_run import simulate
+    from wearscope.notebook.study import Study
 
 __all__ = [
     "InputError", "Study", "detect", "diagnose", "evaluate", "example_dataset", "simulate", "track",
@@ -36,13 +36,13 @@ __all__ = [
 
 _MODULES = {
     "InputError": "wearscope.errors",
-    "Study": "wearscope.study",
+    "Study": "wearscope.notebook.study",
     "detect": "wearscope.notebook.calls",
     "diagnose": "wearscope.notebook.calls",
     "evaluate": "wearscope.notebook.calls",
     "track": "wearscope.notebook.calls",
-    "example_dataset": "wearscope.example",
-    "simulate": "wearscope.one_run",
+    "example_dataset": "wearscope.home",
+    "simulate": "wearscope.notebook.one_run",
 }
 
 

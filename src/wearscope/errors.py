@@ -1,4 +1,16 @@
-"""The one exception that a user of the platform is meant to read."""
+"""The one exception that a user of the platform is meant to read; packages that only some commands need."""
+
+import sys
+from importlib.util import find_spec
+
+
+class SimulationError(RuntimeError):
+    """A run that diverged, left its limits or disagreed with PyBullet, told in one sentence."""
+
+
+class SelfTestError(SimulationError):
+    """PyBullet adds something that the model has not: no run can be trusted, whatever its design point."""
+
 
 LONGEST = 1000
 
@@ -44,3 +56,17 @@ def explain_yaml(error: Exception) -> str:
     if context is not None and context.line != mark.line:
         reason += f", {getattr(error, 'context', None)} that begins in line {context.line + 1}"
     return reason
+
+
+#: Extra of pyproject.toml and what needs it, by the module.
+EXTRAS = {"mujoco": ("export", "an export"), "rosbags": ("ros", "a recording of ROS 2")}
+
+
+def need(module: str) -> None:
+    """Refuse, with the command that installs it, where a module of an extra is missing."""
+    if find_spec(module) is None:
+        extra, what = EXTRAS[module]
+        raise InputError(
+            f"{what} needs {module}, which is not installed; install it with "
+            f"{sys.executable} -m pip install 'wearscope[{extra}]'"
+        )

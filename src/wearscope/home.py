@@ -1,4 +1,4 @@
-"""Where the workflow is: next to the package in a clone, inside it where a wheel was installed."""
+"""Where the workflow is, next to the package in a clone or inside it in a wheel, and the example data set."""
 
 from pathlib import Path
 
@@ -21,3 +21,18 @@ def find_home() -> Path:
     raise FileNotFoundError(
         f"{_PACKAGE}: no Snakefile belongs to it; install wearscope from its wheel again."
     )
+
+
+def example_dataset() -> Path:
+    """Folder of a small measured data set, to try things on.
+
+    An arm of three joints that the project simulated (`wearscope.starters.machine`): a spring at its second
+    joint, and friction that differs by direction at its third, are not in the model that it declares.
+
+    Examples
+    --------
+    >>> from wearscope import example_dataset
+    >>> (example_dataset() / "dataset.yaml").is_file()
+    True
+    """
+    return _PACKAGE / "example_data"

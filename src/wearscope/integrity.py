@@ -3,8 +3,8 @@
     python -m wearscope.integrity results/NAME              name what is missing or damaged
     python -m wearscope.integrity results/NAME --set-aside  and have it made again
 
-Files are checked by their kept checksums (`wearscope.checksums`), recordings by those within them, and by the
-markers of the simulated chunks, which list them.
+Files are checked by their kept checksums (`wearscope.storage.checksums`), recordings by those of their pages,
+and by the markers of the simulated chunks, which list them.
 """
 
 import argparse
@@ -13,13 +13,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from wearscope.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
-from wearscope.files import DamagedFile, clear_stale, read_json
 from wearscope.home import find_home
 from wearscope.processes import end_process
 from wearscope.simulation.failures import read_markers
 from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_fingerprint
+from wearscope.storage.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
+from wearscope.storage.files import DamagedFile, clear_stale, read_json
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:

@@ -18,7 +18,7 @@ from typing import Any
 
 from wearscope import limits
 from wearscope.errors import InputError, describe
-from wearscope.files import check_plain
+from wearscope.storage.files import check_plain
 
 #: Where a module that was loaded from a file keeps the digest of the file's content.
 _DIGEST = "__wearscope_digest__"

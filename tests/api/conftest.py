@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
-from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
+from wearscope.storage import tables
 from wearscope.surrogates.fitting import fit_surrogates
 from wearscope.surrogates.validation import validate_surrogates
 

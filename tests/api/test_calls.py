@@ -11,7 +11,7 @@ import wearscope
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
-from wearscope.model_errors import ModelErrors
+from wearscope.notebook.model_errors import ModelErrors
 from wearscope.notebook.results import (
     DetectionResult,
     DiagnosisResult,
@@ -19,7 +19,7 @@ from wearscope.notebook.results import (
     TrackingResult,
 )
 from wearscope.notebook.taken import take_recordings
-from wearscope.tables import read_table
+from wearscope.storage.tables import read_table
 
 URDF = wearscope.example_dataset() / "robot.urdf"
 JOINTS = ["axis_1", "axis_2", "axis_3"]

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 import wearscope
-from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.errors import InputError, escape_text
-from wearscope.extras import EXTRAS, need
+from wearscope.errors import EXTRAS, InputError, escape_text, need
+from wearscope.storage import tables
 
 
 @pytest.mark.parametrize(
@@ -39,7 +38,7 @@ def test_version_is_the_installed_one():
 
 def test_nothing_but_an_extra_needs_the_extras():
     """All modules of the package are imported without them, but those that a running export imports."""
-    blocked = ["mujoco", "rosbags", "rocrate", "playwright", "pytest"]
+    blocked = ["mujoco", "rosbags", "playwright", "pytest"]
     lazily = ("comparison", "formats", "gears", "passive_motors", "replay")
     own = {"wearscope.__main__", *(f"wearscope.export.{name}" for name in lazily)}
     code = f"""
@@ -73,7 +72,9 @@ def test_every_public_name_is_there():
         _ = wearscope.nothing
 
 
-@pytest.mark.parametrize("module", ["wearscope", "wearscope.study", "wearscope.one_run", "wearscope.example"])
+@pytest.mark.parametrize(
+    "module", ["wearscope", "wearscope.notebook.study", "wearscope.notebook.one_run", "wearscope.home"]
+)
 def test_examples_run(module, place, monkeypatch):
     monkeypatch.chdir(place)
     failed, tried = doctest.testmod(importlib.import_module(module))

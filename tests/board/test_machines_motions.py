@@ -91,7 +91,7 @@ def test_the_generator_shares_no_code_with_the_tracer():
                     "wearscope.designs",
                     "wearscope.demonstration",
                     "wearscope.errors",
-                    "wearscope.tables",
+                    "wearscope.storage.tables",
                 )
                 # What closes the loop on a folder, or asks for advice on it, is no part of the generator.
                 lazily = (file.name, name) in (

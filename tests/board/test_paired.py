@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binomtest
 
 from benchmarks.paired import compare, main
-from wearscope.tables import write_table
+from wearscope.storage.tables import write_table
 
 
 def make_cases(exact, **columns):

@@ -21,11 +21,10 @@ import yaml
 from click.testing import CliRunner
 
 from wearscope import example_dataset, integrity, limits
-from wearscope.checking.costs import list_excesses
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.findings import Findings
 from wearscope.checking.robot import check_model
-from wearscope.checksums import SETTINGS, check_file, find_output, record_checksums
+from wearscope.checking.study import list_excesses
 from wearscope.cli import main, stages, workflow
 from wearscope.cli.main import wearscope
 from wearscope.cli.tables import read_frame
@@ -34,12 +33,13 @@ from wearscope.closed_loop.intake.dataset_fields import list_breaches, load_fiel
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile, load_json
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.processes import bound_memory
 from wearscope.reporting.style import figure_bytes, new_figure
 from wearscope.starters.model_text import _flow
 from wearscope.starters.recordings import read_recording
+from wearscope.storage.checksums import SETTINGS, check_file, find_output, record_checksums
+from wearscope.storage.files import DamagedFile, load_json
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 ROOT = Path(__file__).parents[2]
 COPIES = ", ".join(["*a{0}"] * 10)

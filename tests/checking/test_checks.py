@@ -6,8 +6,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-from hypothesis import strategies as st
-from mutations import changed_bytes, changed_trees, try_many
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.findings import Findings
@@ -15,20 +13,16 @@ from wearscope.checking.own_code import check_file, make_batch
 from wearscope.checking.robot import check_model, check_robot_folder
 from wearscope.checking.study import check_study
 from wearscope.cli.check import inspect
-from wearscope.closed_loop.intake.dataset_fields import list_breaches, read_fields
-from wearscope.closed_loop.intake.field_checks import list_conflicts
 from wearscope.errors import InputError
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
-from wearscope.starters.robot import Stated, make_robot
 
 ROOT = Path(__file__).parents[2]
 QUICK = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
 ARM = ROOT / "config" / "robots" / "medium"
-COUNTS = [50, pytest.param(2000, marks=pytest.mark.long)]
 
 
 def told(found, *parts):
@@ -253,97 +247,6 @@ def test_a_file_without_anything_to_check_says_so(tmp_path):
     (tmp_path / "own.py").write_text("x = 1")
     with pytest.raises(InputError, match="defines no DETECTOR, CYCLE, EFFECT"):
         check_file(tmp_path / "own.py")
-
-
-# Whatever is changed: findings that are sentences, or one sentence.
-
-
-def as_sentences(found):
-    """Raise the first problem; each is one line that ends as a sentence, or with what may be meant."""
-    for one in found.problems:
-        assert len(one.splitlines()) == 1 and one.endswith((".", "?")), one
-    if found.problems:
-        raise InputError(found.problems[0].rstrip("?.") + ".")
-
-
-@pytest.mark.parametrize("count", COUNTS)
-def test_any_study_is_checked_in_sentences(count):
-    small = {**QUICK, "cycles": ["point_to_point"], "axes": [1]}
-    try_many(count, changed_trees(small), lambda config: as_sentences(check_study(config, "study", ROOT)))
-
-
-@pytest.mark.parametrize("count", COUNTS)
-def test_any_model_is_checked_in_sentences(count, tmp_path):
-    shutil.copytree(ARM, tmp_path / "arm")
-    text = (ARM / "model.yaml").read_bytes()
-
-    def attempt(content):
-        (tmp_path / "arm" / "model.yaml").write_bytes(content)
-        found = Findings("arm")
-        check_model(tmp_path / "arm", found)
-        as_sentences(found)
-
-    try_many(count, changed_bytes(text), attempt)
-
-
-@pytest.mark.parametrize("count", COUNTS)
-def test_any_urdf_makes_a_robot_or_one_sentence(count, tmp_path):
-    text = (ARM / "robot.urdf").read_text()
-    words = text.split('"')
-    numbers = st.sampled_from(
-        ["1e308", "-1e308", "1e-320", "nan", "inf", "0", "-1", "1e29", "1e-29", "", "x"]
-    )
-
-    @st.composite
-    def changed(draw):
-        parts = list(words)
-        for _ in range(draw(st.integers(1, 3))):
-            parts[2 * draw(st.integers(0, len(parts) // 2 - 1)) + 1] = draw(numbers)
-        return '"'.join(parts).encode()
-
-    def attempt(content):
-        (tmp_path / "robot.urdf").write_bytes(content)
-        make_robot(tmp_path / "robot.urdf", "arm", Stated())
-
-    try_many(count, st.one_of(changed(), changed_bytes(text.encode())), attempt)
-
-
-@pytest.mark.parametrize("count", COUNTS)
-def test_any_recording_is_converted_or_gets_one_sentence(count, tmp_path):
-    rows = "\n".join(f"{0.004 * k:.3f},{k % 7},{k % 5},{k % 3}" for k in range(2200))
-    text = f"t,q1,tau1,note\n{rows}\n".encode()
-    urdf = (ARM / "robot.urdf").read_text()
-    (tmp_path / "robot.urdf").write_text(urdf)
-    mapped = Mapped(joints=["axis_1"])
-
-    def attempt(content):
-        (tmp_path / "log.csv").write_bytes(content)
-        convert_recordings([tmp_path / "log.csv"], tmp_path / "robot.urdf", mapped)
-
-    head = changed_bytes(text[:60]).map(lambda start: start + text[60:])
-    try_many(count, st.one_of(head, changed_bytes(text[:400]), st.binary(max_size=300)), attempt)
-
-
-@pytest.mark.parametrize("count", COUNTS[:1])
-def test_any_data_set_is_checked_in_sentences(count, spoilt):
-    good = yaml.safe_load((spoilt / "dataset.yaml").read_text())
-
-    def attempt(content):
-        (spoilt / "dataset.yaml").write_text(yaml.safe_dump(content))
-        fields = Findings("arm")
-        fields.add(*list_breaches(spoilt / "dataset.yaml"))
-        if not fields.problems:
-            fields.add(*list_conflicts(spoilt / "dataset.yaml", read_fields(spoilt / "dataset.yaml", [])))
-        as_sentences(fields)
-
-    def is_dumped(tree):
-        try:
-            yaml.safe_dump(tree)
-            return isinstance(tree, dict)
-        except (yaml.YAMLError, ValueError, TypeError):
-            return False
-
-    try_many(count, changed_trees(good).filter(is_dumped), attempt)
 
 
 def test_the_home_s_names_can_be_checked():

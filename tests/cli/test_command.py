@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from wearscope import tables
 from wearscope.cli.main import COMMANDS, main, wearscope
 from wearscope.cli.new import KINDS
+from wearscope.storage import tables
+from wearscope.storage.checksums import SETTINGS
 
 
 def call(*arguments):
@@ -100,26 +101,33 @@ def test_nothing_is_written_over(tmp_path, monkeypatch):
 def results(tmp_path):
     """A folder of results with one table."""
     frame = pd.DataFrame({"fda": ["A", "B", "C"], "snr": [1.5, float("nan"), 12.25], "axis": [1, 2, 3]})
-    tables.write_table(tmp_path / "snr.parquet", frame, {"snr": "-"})
+    frame["theta"] = [[0.1, 0.2]] * 3
+    tables.write_table(tmp_path / "snr.parquet", frame, {"snr": "N m", "axis": "-"})
+    settings = {"detectors": {"C": {"use": "friction_fit"}}}
+    (tmp_path / SETTINGS).write_text(json.dumps(settings))
     return tmp_path
 
 
 def test_a_table_is_shown_with_units_and_n_a(results):
     text = call("show", "snr", "--in", results).output
-    assert "snr [-]" in text and "12.25" in text and "n/a" in text
+    assert "snr [N m]  axis\n" in text and "12.25" in text and "n/a" in text
+    assert text.startswith("detector ") and "Friction fit (C)" in text and "theta" not in text
 
 
 def test_rows_are_chosen_sorted_and_cut(results):
     lines = call(
         "show", "snr", "--in", results, "--sort", "-snr", "--columns", "fda,snr", "--rows", 1
     ).output.splitlines()
-    assert lines[1].split() == ["C", "12.25"] and "axis" not in lines[0]
+    assert lines[1].split() == ["Friction", "fit", "(C)", "12.25"] and "axis" not in lines[0]
+    assert "12.25" in call("show", "snr", "--in", results, "--where", "detector=C").output
     assert call("show", "snr", "--in", results, "--where", "axis=2").output.splitlines()[1].split()[0] == "B"
 
 
 def test_a_missing_table_or_column_names_those_that_are_there(results):
     assert "there are snr" in str(call("show", "scope", "--in", results).exception)
-    assert "it has fda, snr, axis" in str(call("show", "snr", "--in", results, "--sort", "x").exception)
+    assert "it has fda, snr, axis, theta" in str(
+        call("show", "snr", "--in", results, "--sort", "x").exception
+    )
 
 
 def test_what_there_is_is_listed(results):

@@ -188,9 +188,13 @@ def test_code_of_a_study_that_nobody_named_is_refused(tmp_path, monkeypatch):
     outcome = CliRunner().invoke(wearscope, ["diagnose", "arm"])
     assert isinstance(outcome.exception, InputError) and not seen
     assert "names code that would run (evil.py)" in str(outcome.exception)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    outcome = CliRunner().invoke(wearscope, ["diagnose", "arm", "--study", "."])
+    assert "--allow-code" in str(outcome.exception) and not seen
+    CliRunner().invoke(wearscope, ["check", ".", "--allow-code"])
     monkeypatch.setattr(stages, "call_snakemake", lambda *given: (_ for _ in ()).throw(InputError("so far.")))
     outcome = CliRunner().invoke(wearscope, ["diagnose", "arm", "--study", "."])
-    assert "config.yaml names runs: evil.py." in outcome.output
+    assert "config.yaml names runs: evil.py." in outcome.output and "so far" in str(outcome.exception)
 
 
 def test_a_check_says_which_code_of_a_study_runs_and_runs_none_that_nobody_named(tmp_path, monkeypatch):
@@ -199,13 +203,16 @@ def test_a_check_says_which_code_of_a_study_runs_and_runs_none_that_nobody_named
     (tmp_path / "config" / "config.yaml").write_text(yaml.safe_dump(settings))
     (tmp_path / "own.py").write_text(f"print('ran')\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     outcome = CliRunner().invoke(wearscope, ["check"])
     assert "names code that would run (own.py)" in str(outcome.exception)
     assert not (tmp_path / "ran").exists()
-    assert "give --allow-code to let it run" in str(CliRunner().invoke(wearscope, ["check", "."]).exception)
+    told = str(CliRunner().invoke(wearscope, ["check", "."]).exception)
+    assert f"let it run once and for all: wearscope check {tmp_path} --allow-code." in told
     assert not (tmp_path / "ran").exists()
     outcome = CliRunner().invoke(wearscope, ["check", ".", "--allow-code"])
     assert outcome.output.index("config.yaml names runs: own.py.") < outcome.output.index("ran\n")
+    assert CliRunner().invoke(wearscope, ["check", "."]).exception is None  # remembered for this content
 
 
 def test_somebody_at_a_terminal_is_asked_once_for_each_content(tmp_path, monkeypatch):

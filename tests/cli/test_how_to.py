@@ -1,4 +1,4 @@
-"""Each how-to page, its commands run from an empty folder as they stand.
+"""Each how-to page and the tutorial, their commands run from an empty folder as they stand.
 
 Commands that compute for minutes are planned only; the long tests run them.
 """
@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 
 PAGES = sorted((Path(__file__).parents[2] / "docs" / "how-to").glob("*.md"))
+PRINTED = [*PAGES, Path(__file__).parents[2] / "docs" / "tutorial.md"]
+#: Pages whose commands take seconds where those that compute are planned only.
+QUICK = ("factor", "notebook", "plugins", "study", "tutorial")
 LONG = re.compile(r"^(wearscope (?:run|diagnose|track|detect|reevaluate|report)\b.*)$", re.MULTILINE)
 #: A page is under a screen.
 LINES = 60
@@ -31,10 +34,11 @@ def shell(tmp_path):
         (tools / name).write_text(f'#!/bin/sh\nexec {sys.executable} -m {module} "$@"\n')
         (tools / name).chmod(0o755)
     path = f"{tools}{os.pathsep}{os.environ['PATH']}"
+    own = {"PATH": path, "HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path / "state")}
 
     def run(block: str) -> str:
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block], cwd=folder, env={**os.environ, "PATH": path},
+            ["bash", "-euo", "pipefail", "-c", block], cwd=folder, env=os.environ | own,
             capture_output=True, text=True, check=False, timeout=1800,
         )  # fmt: skip
         assert done.returncode == 0, f"{block}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
@@ -43,8 +47,10 @@ def shell(tmp_path):
     return run
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(p, marks=[] if p.stem in QUICK else pytest.mark.slow, id=p.stem) for p in PRINTED],
+)
 def test_page_s_commands_work(page, shell):
     for block in list_blocks(page):
         if "show " in block or "compare " in block:  # they need what a run gives
@@ -53,7 +59,7 @@ def test_page_s_commands_work(page, shell):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PRINTED, ids=lambda page: page.stem)
 def test_page_s_commands_compute(page, shell):
     for block in list_blocks(page):
         shell(block)

@@ -35,8 +35,6 @@ def run(folder, line, **given):
         "new study file/s --robot arm",
         "new robot arm/robot.urdf --name r --in file",
         "new dataset data/a.csv data/b.parquet --urdf data/robot.urdf --in /proc/none --name d",
-        "compare a b --page file/x.html",
-        "compare a b --page /proc/none/x.html",
         "check file/x",
         "history file",
         "show file/x.csv",
@@ -59,10 +57,13 @@ def test_streams_that_are_closed_change_nothing(place, closed, tmp_path):
         for handle in closed:
             os.close(handle)
 
-    page = tmp_path / "x.html"
-    done = run(place, f"compare a b --page {page}", preexec_fn=close)
-    assert done.returncode == 0 and "Traceback" not in done.stderr
-    assert page.read_text().startswith("<!doctype html>") or page.read_text().startswith("<!DOCTYPE html>")
+    for name, options in (("open", {}), ("closed", {"preexec_fn": close})):
+        done = run(place, f"new detector own --in {tmp_path / name}", **options)
+        assert done.returncode == 0 and "Traceback" not in done.stderr
+    written, wanted = (
+        {file.name: file.read_bytes() for file in (tmp_path / one).iterdir()} for one in ("closed", "open")
+    )
+    assert written == wanted
 
 
 def test_a_reader_that_leaves_is_no_defect(place):

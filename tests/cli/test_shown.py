@@ -7,9 +7,9 @@ from click.testing import CliRunner
 from hostile.samples import write_loop
 
 from wearscope import integrity
-from wearscope.checksums import record_checksums
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
+from wearscope.storage.checksums import record_checksums
 
 
 @pytest.fixture
@@ -51,8 +51,7 @@ def test_what_was_changed_is_told_in_place_of_shown(loops, name, commands):
         assert f"{name}: is not what was written (its checksum differs)" in said, (command, said)
 
 
-def test_a_page_whose_answer_is_being_made_anew_is_not_shown(loops):
-    """As after a diagnosis that was killed: Snakemake has removed the old verdict, the old page is there."""
+def test_a_page_whose_answer_is_lost_is_not_shown(loops):
     (loops / "a" / "verdict.json").unlink()
     said = run("report", "results/closed_loop/a")
     assert "verdict.json: no such file, though it was written; make it again." in said

@@ -19,7 +19,7 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
 from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
 from wearscope.errors import InputError
-from wearscope.turns import unwrap_turns
+from wearscope.robots.spatial import unwrap_turns
 
 RATE = 250.0
 T = np.arange(int(12 * RATE)) / RATE

@@ -5,8 +5,6 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.contradictions import find_contradictions
-from wearscope.closed_loop.diagnostics.structure import _from_means
-from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.declared import fit_declared_model
 
 
@@ -55,20 +53,6 @@ def test_noise_is_no_contradiction(record, pose, noise, seed):
         problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
     )
     assert find_contradictions(problem.prepared, model) == {}
-
-
-def test_a_mean_of_one_sign_in_every_run_is_no_noise():
-    rng = np.random.default_rng(3)
-    slow = [np.cumsum(rng.standard_normal(400)) / 20.0 for _ in range(4)]
-    slow = [x - x.mean() for x in slow]
-    keep = [np.ones(400, dtype=bool)] * 4
-    assert _from_means(slow, keep, Policy()) == []
-    (seen,) = _from_means([x + 0.8 for x in slow], keep, Policy())
-    assert "0.8 in every run" in seen.reason and 0.2 < seen.share < 1.0
-    # Of either sign, or of two runs, it may be a drift's.
-    mixed = [x + mean for x, mean in zip(slow, (0.8, -0.8, 0.8, 0.8), strict=True)]
-    assert _from_means(mixed, keep, Policy()) == []
-    assert _from_means([x + 0.8 for x in slow[:2]], keep[:2], Policy()) == []
 
 
 def test_equal_delays_of_joints_are_the_recorder_s(record):

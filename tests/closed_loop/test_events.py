@@ -25,7 +25,7 @@ from wearscope.closed_loop.model.events import (
 )
 from wearscope.closed_loop.model.prediction import predict_runs
 from wearscope.closed_loop.posing import find_prismatic
-from wearscope.detection.bridging import bridge_events
+from wearscope.detection.recordings import bridge_events
 
 
 def push(at, size, width):

@@ -11,7 +11,7 @@ from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.run import close_loop
-from wearscope.simulation.errors import SimulationError
+from wearscope.errors import SimulationError
 
 
 @pytest.fixture

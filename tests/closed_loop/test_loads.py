@@ -9,6 +9,7 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.loads import tell_loads
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import predict_runs
+from wearscope.reporting.loop_words import LOAD
 
 
 def grow_friction(sizes):
@@ -63,7 +64,7 @@ def test_friction_by_the_load_is_that_of_the_load_there_is(record, carry, more, 
     assert 0.27 < low < 0.3 < high < 0.33
     notes = found.verdict["notes"]
     assert not [note for note in notes if "load_dependent_friction is fitted" in note]
-    told = [note for note in notes if note.startswith("The refitted masses act as a payload")]
+    told = [note for note in notes if note.startswith(LOAD)]
     assert bool(told) == (inertials == "approximate")
     if told:
         mass, least, most = (float(x) for x in re.findall(r"([+-][\d.]+)", told[0]))

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.model_errors import evaluate_model
+from wearscope.notebook.model_errors import evaluate_model
 from wearscope.robots.model import make_model
 
 INERTIA, COULOMB, VISCOUS = [1.5, 0.6], [6.0, 3.0], [4.0, 2.0]
@@ -90,23 +90,24 @@ def test_model_of_other_joints_is_refused(recorded):
 
 
 def test_tables_keep_their_units(right, tmp_path):
-    from wearscope import tables
+    from wearscope.storage import tables
 
     right.write(tmp_path)
     assert tables.read_units(tmp_path / "torque_errors.parquet")["error_percent"] == "%"
     assert len(tables.read_table(tmp_path / "rollout_errors.parquet")) == 2 * 2 * 3
 
 
+@pytest.mark.parametrize("noise", [1e-7, 0.0])
 @pytest.mark.parametrize(("joints", "still"), [(("a",), "b"), (("b",), "a")])
-def test_what_was_judged_is_said_first(recorded, joints, still, tmp_path):
+def test_what_was_judged_is_said_first(recorded, joints, still, noise, tmp_path):
     """One joint stands still: its torque is not judged, and the sentence speaks of the other one alone."""
-    from wearscope.cli.evaluate import tell_errors
+    from wearscope.cli.evaluate import list_worst, tell_errors
 
     folder = tmp_path / "few"
     shutil.copytree(recorded, folder)
     for path in sorted((folder / "runs").glob("*.parquet")):
         table = pd.read_parquet(path)
-        table[f"q_{still}"] = 0.3 + 1e-7 * np.random.default_rng(0).standard_normal(len(table))
+        table[f"q_{still}"] = 0.3 + noise * np.random.default_rng(0).standard_normal(len(table))
         table.to_parquet(path)
     found = evaluate_model(make_duo(recorded), folder)
     seconds = sum(np.ptp(pd.read_parquet(path)["t"]) for path in (folder / "runs").glob("*.parquet"))
@@ -114,5 +115,9 @@ def test_what_was_judged_is_said_first(recorded, joints, still, tmp_path):
     assert 0.8 * seconds < found.judged["seconds"] <= seconds and found.judged["refused"] == []
     said = tell_errors(found)
     assert said.startswith(f"Judged at 1 of 2 joints ({joints[0]}), for ") and f"at {still}" not in said
+    rows = {joint: rest for joint, *rest in list_worst(found)}
+    assert list(rows) == ["a", "b"] and rows[still][1] == "n/a" and rows[joints[0]][3].endswith("after 2 s")
+    worst = found.torque.set_index("joint").loc[[joints[0]], "error_percent"].max()
+    assert float(rows[joints[0]][1].split()[0]) == pytest.approx(worst, rel=0.06)
     found.write(tmp_path / "out")
     assert json.loads((tmp_path / "out" / "evaluation.json").read_text())["judged"] == found.judged

@@ -10,9 +10,9 @@ import pytest
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.servo import merge_notes, restore_duty, take_torques
-from wearscope.closed_loop.speed_torque import list_speed_torques
+from wearscope.closed_loop.verdict import list_speed_torques
 from wearscope.errors import InputError
-from wearscope.servos import read_servos
+from wearscope.robots.servos import read_servos
 
 KT, RESISTANCE, GEAR, VOLTS, GAIN, FULL = 0.01, 2.5, 30.0, 7.4, 2.0, 885.0
 CONSTANT = KT * GEAR

@@ -1,19 +1,31 @@
 """What is left at a joint: noise with a memory is noise; what repeats or depends on a signal is not."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.diagnostics.run_differences import compare_offsets
-from wearscope.closed_loop.diagnostics.structure import _compare_noise, _from_test, judge_joints
+from wearscope.closed_loop.diagnostics.residual_tests import (
+    Residual,
+    compare_noise,
+    compare_runs,
+    see_motion,
+    see_test_error,
+)
+from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.inference.answer import Left
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.declared import fit_declared_model
 
 SMALL = {"runs": 4, "duration": 10.0}
+
+
+def leave(torque):
+    """A residual that counts everywhere, of a run of its own."""
+    return Residual(SimpleNamespace(file=object()), torque, np.ones(len(torque), dtype=bool))
 
 
 def white(t, q, v, a, rng):
@@ -95,9 +107,7 @@ def test_noise_does_not_repeat_where_the_motion_does(judge, noise):
     ],
 )
 def test_a_test_error_beyond_that_of_all_training_runs_is_told(sizes, test, told):
-    runs = [size * np.resize([1.0, -1.0], 50) for size in sizes]
-    keep = [np.ones(50, dtype=bool) for _ in sizes]
-    seen = _from_test(runs, keep, test, Policy())
+    seen = see_test_error([leave(size * np.resize([1.0, -1.0], 50)) for size in sizes], test)
     assert bool(seen) is told
     if told:
         train = np.sqrt(np.mean(np.square(sizes)))
@@ -108,17 +118,17 @@ def test_a_test_error_beyond_that_of_all_training_runs_is_told(sizes, test, told
 def test_a_test_error_is_told_beside_the_noise_of_its_runs():
     rng = np.random.default_rng(4)
     train, test = [rng.standard_normal(900), rng.standard_normal(600)], [3.0 * rng.standard_normal(700)]
-    noisier = _compare_noise(train, test)
+    noisier = compare_noise(train, test)
     assert noisier == pytest.approx(3.0, rel=0.1)
     # A model's error that changes with the motion is none of it, nor is less noise more of a model.
     slow = 50.0 * np.sin(np.arange(700) / 100.0)
-    assert _compare_noise(train, [x + slow for x in test]) == pytest.approx(noisier, rel=0.05)
-    assert _compare_noise(test, train) == 1.0
-    assert _compare_noise([np.zeros(9)], test) == 1.0
-    keep = [np.ones(len(x), dtype=bool) for x in train]
-    assert not _from_test(train, keep, 3.0, Policy(), noisier) and _from_test(train, keep, 3.0, Policy())
+    assert compare_noise(train, [x + slow for x in test]) == pytest.approx(noisier, rel=0.05)
+    assert compare_noise(test, train) == 1.0
+    assert compare_noise([np.zeros(9)], test) == 1.0
+    runs = [leave(x) for x in train]
+    assert not see_test_error(runs, 3.0, noisier) and see_test_error(runs, 3.0)
     # What is told is how much larger it is.
-    (seen,) = _from_test(train, keep, 9.0, Policy(), noisier)
+    (seen,) = see_test_error(runs, 9.0, noisier)
     (times,) = re.findall(r"([0-9.]+) times", seen.reason)
     assert float(times) == pytest.approx(9.0, rel=0.05)
 
@@ -186,7 +196,7 @@ def test_a_slow_line_within_noise_is_said_where_the_runs_have_it_in_common(judge
 
     a, b = judge(wave, 63)
     assert (a.state, a.depends_on) == ("unexplained", ["t"])
-    assert re.search(r"a line at 0\.3[0-9]* Hz in time, common to the runs", a.reason)
+    assert re.search(r"a line at 0\.3[0-9]* Hz in time", a.reason)
     assert b.state == "explained"
 
 
@@ -232,18 +242,45 @@ def test_what_differs_from_run_to_run_is_said(record, signal):
     assert verdict["joints"]["b"]["state"] == "explained"
 
 
-def test_halves_of_runs_tell_a_mean_that_differs_from_a_drift():
+def test_halves_of_runs_tell_what_differs_from_a_drift():
     rng = np.random.default_rng(5)
+    speed = [np.sin(np.arange(400) / 9.0 + k) for k in range(4)]
     noise = [rng.standard_normal(400) for _ in range(4)]
-    levels = [3.0, -2.0, 0.5, 1.0]
-    share, p_value = compare_offsets([level + x for level, x in zip(levels, noise, strict=True)])
-    assert share == pytest.approx(3.17 / 4.56, abs=0.03) and p_value < 1e-4
-    assert compare_offsets(noise)[0] < 0.02
-    walks = [compare_offsets([x.cumsum() for x in rng.standard_normal((4, 400))]) for _ in range(200)]
+    factors = [3.0, -2.0, 0.5, 1.0]
+
+    def compare(torques):
+        made = [np.column_stack([np.ones_like(v), v / v.std()]) for v in speed]
+        return compare_runs(list(zip(made, torques, strict=True)))
+
+    shares, p_values = compare([level + x for level, x in zip(factors, noise, strict=True)])
+    assert shares[0] == pytest.approx(3.17 / 4.56, abs=0.03) and p_values[0] < 1e-4
+    assert p_values[1] > 0.01
+    slopes = [k * v / v.std() + x for k, v, x in zip(factors, speed, noise, strict=True)]
+    shares, p_values = compare(slopes)
+    assert shares[1] == pytest.approx(3.17 / 4.56, abs=0.03) and p_values[1] < 1e-3
+    assert compare(noise)[0].max() < 0.02
+    walks = [compare(list(x.cumsum(axis=1))) for x in rng.standard_normal((200, 4, 400))]
     # A walk's means differ as much, but so do its halves.
-    assert np.median([share for share, _ in walks]) > 0.2
-    assert np.mean([p_value < 0.005 for _, p_value in walks]) <= 0.01
-    assert compare_offsets([noise[0], np.zeros(1)]) == (0.0, 1.0)
+    assert np.median([shares[0] for shares, _ in walks]) > 0.2
+    assert np.mean([p_values < 0.005 for _, p_values in walks], axis=0).max() <= 0.01
+    assert compare_runs([(np.ones((400, 1)), noise[0]), (np.ones((1, 1)), noise[1][:1])])[1] == [1.0]
+
+
+def test_a_mean_of_one_sign_in_every_run_is_no_noise():
+    rng = np.random.default_rng(3)
+    slow = [np.cumsum(rng.standard_normal(400)) / 20.0 for _ in range(4)]
+    slow = [x - x.mean() for x in slow]
+
+    def see(means):
+        runs = [leave(x + mean) for x, mean in zip(slow, means, strict=False)]
+        return see_motion(runs[:2], runs[2:], [])
+
+    assert see([0.0] * 4) == []
+    (seen,) = see([0.8] * 4)
+    assert "0.8 in every run" in seen.reason and 0.2 < seen.share < 1.0
+    # Of either sign, or of two runs, it may be a drift's.
+    assert see([0.8, -0.8, 0.8, 0.8]) == []
+    assert see([0.8, 0.8]) == []
 
 
 @pytest.mark.parametrize("torque", [square, product, hidden])

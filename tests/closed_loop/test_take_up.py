@@ -5,8 +5,8 @@ import pytest
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
-from wearscope.differentiation import differentiate
 from wearscope.effects.base import Signals
+from wearscope.effects.signals import differentiate
 
 RATE = 200.0
 BAND = Band(RATE, 18.0, 6.0)

@@ -13,7 +13,7 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.thinning import Budget, choose_stretches, prepare_thinned, thin_dataset
 from wearscope.closed_loop.posing import find_prismatic
-from wearscope.differentiation import differentiate
+from wearscope.effects.signals import differentiate
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.urdf import normalise_urdf
 

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from wearscope.errors import LONGEST, InputError, explain_yaml
-from wearscope.plain_yaml import load_plain_yaml
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 
 @pytest.mark.parametrize("odd", ["a\nb", "\x1b[2J", "\r", "\u2028", "\ud800", "\x00"])

@@ -12,10 +12,10 @@ from wearscope.designs.checks import (
     prediction_variance,
     resolution,
     term_dependencies,
+    view_for_axis,
 )
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import fractional_factorial, make_design
-from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import (
     checking_design,
@@ -9,7 +10,6 @@ from wearscope.designs.filling import (
     question_lines,
 )
 from wearscope.designs.kinds import make_design
-from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

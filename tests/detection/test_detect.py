@@ -9,7 +9,7 @@ from wearscope.detection.judgement import count_sessions, judge_recordings
 from wearscope.detection.run import Setting, ask_recordings, check_recordings
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
-from wearscope.example import example_dataset
+from wearscope.home import example_dataset
 from wearscope.reporting.detection_page import axis_tables, write_detection_page
 
 C = DetectorSpec("C", "friction_fit")

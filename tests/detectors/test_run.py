@@ -8,11 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import tables
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.chunks import join_test_quantities
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities, count_failures
+from wearscope.detectors.run import (
+    DetectorSpec,
+    compute_test_quantities,
+    count_failures,
+    join_test_quantities,
+)
 from wearscope.errors import InputError
+from wearscope.storage import tables
 
 DOCS = Path(__file__).parents[2] / "docs" / "detectors.md"
 # Detectors that look at the torque alone need no more of a model than its joints.

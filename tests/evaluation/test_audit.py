@@ -3,8 +3,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation.audit import (
     audit_table,

@@ -9,14 +9,20 @@ import pyarrow.parquet as pq
 import pytest
 
 from benchmarks.planted import planted_test_quantities
-from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.evaluation.overview import overview_table
-from wearscope.evaluation.scope import add_group_scopes, group_scope, scope_table
-from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
+from wearscope.evaluation.scope import (
+    SURE,
+    add_counts,
+    add_group_scopes,
+    count_scope,
+    group_scope,
+    scope_table,
+)
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
+from wearscope.storage import tables
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
 
 ROBOTS = ("r1", "r2", "r3", "r4", "r5")

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from scipy.special import ndtr
 
+from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
-from wearscope.designs.views import view_for_axis
 from wearscope.errors import InputError
 from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_table, choose_audit_points

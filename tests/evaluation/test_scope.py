@@ -5,15 +5,13 @@ from scipy import optimize, stats
 
 from wearscope.errors import InputError
 from wearscope.evaluation.scope import (
+    detection_probability,
     exact_scope,
     group_scope,
     kde_scope,
     paper_grid,
     scope_quadratics,
     scope_table,
-)
-from wearscope.evaluation.scope_exact import (
-    detection_probability,
     spread,
     standardise,
     tail_probability,
@@ -94,7 +92,7 @@ def test_thresholds_together_are_those_alone_and_found_ones_are_asked_for_no_mor
         asked.append(np.size(h))
         return tail_probability(quadratic, h)
 
-    monkeypatch.setattr("wearscope.evaluation.scope_exact.tail_probability", count)
+    monkeypatch.setattr("wearscope.evaluation.scope.tail_probability", count)
     together = threshold(quadratic, p)
     np.testing.assert_array_equal(together, bisect_all(quadratic, p))
     np.testing.assert_array_equal(threshold(quadratic.reshape(20, 30, 3), p).ravel(), together)

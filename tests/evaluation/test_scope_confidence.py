@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 
 from benchmarks.planted import planted_test_quantities
-from wearscope import tables
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
-from wearscope.evaluation.scope import exact_scope, scope_quadratics, scope_table
-from wearscope.evaluation.scope_confidence import along_operator, pass_confidence
+from wearscope.evaluation.scope import (
+    along_operator,
+    exact_scope,
+    pass_confidence,
+    scope_quadratics,
+    scope_table,
+)
+from wearscope.storage import tables
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate
 

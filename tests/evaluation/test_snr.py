@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.snr import (

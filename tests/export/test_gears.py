@@ -16,7 +16,7 @@ from wearscope.export.holdings import ISAAC, URDF, take_holdings, without_motors
 from wearscope.export.replay import replay
 from wearscope.export.run import export_model
 from wearscope.robots.model import load_model
-from wearscope.simulation.gear import deflection
+from wearscope.simulation.balance import deflection
 from wearscope.simulation.study import simulate_point
 
 ELASTIC = ("joint_elasticity", {"compliance": 2e-3})

@@ -15,6 +15,8 @@ from pathlib import Path
 #: Bounds of one command: processor and wall time [s], memory [bytes].
 SECONDS, WAITED, MEMORY = 10, 120, 2 << 30
 #: What spoiled files would make if anything in them ran.
+#: Modules whose `main` takes the arguments after the first word.
+PROGRAMS = {"archive": "archive.__main__", "integrity": "integrity"}
 RAN = "ran"
 
 
@@ -64,7 +66,13 @@ def serve() -> None:
     for place in {*COMMANDS.values(), "new_robot:", "new_dataset:"}:
         importlib.import_module(f"wearscope.cli.{place.split(':')[0]}")
     checks = [f"checking.{kind}" for kind in ("dataset", "robot", "study", "own_code")]
-    for module in ("archive", "integrity", "model_errors", "starters.conversion", "starters.robot", *checks):
+    for module in (
+        *PROGRAMS.values(),
+        "notebook.model_errors",
+        "starters.conversion",
+        "starters.robot",
+        *checks,
+    ):
         importlib.import_module(f"wearscope.{module}")
     importlib.import_module("wearscope.checking.robot").check_robot_folder("medium")  # compiles
     for line in sys.stdin:
@@ -112,8 +120,8 @@ def act(arguments: list[str], folder: str, said: Path) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 2, SECONDS + 3))
     code = 98
     try:
-        if arguments[0] in ("archive", "integrity"):
-            code = importlib.import_module(f"wearscope.{arguments[0]}").main(arguments[1:])
+        if arguments[0] in PROGRAMS:
+            code = importlib.import_module(f"wearscope.{PROGRAMS[arguments[0]]}").main(arguments[1:])
         else:
             from wearscope.cli import main
 
@@ -144,6 +152,8 @@ def judge(made: Sequence[str], outcome: Outcome, folder: Path) -> str:
         return f"steers the terminal: {text[-300:]!r}"
     if outcome.code and not text.strip():
         return "ends without a word"
+    if outcome.code == 1 and not any(line.rstrip().endswith((".", "?")) for line in text.splitlines()):
+        return f"says no sentence: {text[-300:]!r}"
     left = [one for one in made if os.path.lexists(folder / one)] if outcome.code else []
     left += [str(one) for one in folder.glob("**/.*.part")]
     return f"leaves {', '.join(left)} and ends with {outcome.code}: {text[-300:]}" if left else ""

@@ -19,8 +19,8 @@ from wearscope.detectors.base import load_detector
 from wearscope.effects.base import load_effect
 from wearscope.effects.own_effect import load_installed_effect
 from wearscope.errors import InputError
+from wearscope.jobs.sources import plugin_file
 from wearscope.robots.model import load_model
-from wearscope.sources import plugin_file
 
 ROOT = Path(__file__).parents[2]
 DETECTOR = """
@@ -136,7 +136,7 @@ def test_what_is_built_in_keeps_its_name(installed):
 
 
 def test_model_with_an_installed_effect_is_simulated(installed):
-    from wearscope.one_run import simulate
+    from wearscope.notebook.one_run import simulate
 
     model = load_model("my_arm")
     entries = [entry.model_dump() for entry in model.effects]

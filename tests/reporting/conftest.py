@@ -9,10 +9,9 @@ from reporting.browser import launch_browser
 
 from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.config import load_config
-from wearscope.designs.checks import describe_design
+from wearscope.designs.checks import describe_design, view_for_axis
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.designs.kinds import make_design
-from wearscope.designs.views import view_for_axis
 from wearscope.detectors.run import count_failures
 from wearscope.evaluation.audit import (
     audit_table,

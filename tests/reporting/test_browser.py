@@ -10,7 +10,6 @@ import pytest
 from reporting.browser import RUNNING_OVER, find_browser, open_page
 from reporting.test_closed_loop_page import VERDICT, write
 
-from wearscope import tables
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
 from wearscope.reporting.charts.base import CELL_KEYS
 from wearscope.reporting.charts.study import detection_cases, study_tables
@@ -18,6 +17,7 @@ from wearscope.reporting.closed_loop import STAGES
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
+from wearscope.storage import tables
 
 KEYS = list(CELL_KEYS)
 #: Texts of legends that leave their drawing, as a script.

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import tables
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
@@ -19,8 +18,15 @@ from wearscope.reporting.closed_loop import (
     read_closed_loop,
 )
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_outcome import describe_joint, draw_curves, loop_strip, render_parameters
+from wearscope.reporting.loop_outcome import (
+    describe_joint,
+    doubt_simulation,
+    draw_curves,
+    loop_strip,
+    render_parameters,
+)
 from wearscope.reporting.loop_words import conclude_loop
+from wearscope.storage import tables
 
 JOINTS = ["a", "b"]
 RUNS = {"runs/r1.parquet": "train", "runs/r2.parquet": "test"}
@@ -152,8 +158,8 @@ def test_page_says_status_equivalent_unknown_and_what_got_worse(tmp_path):
     refuted = "b Unknown refuted It adds 12 % (95 %: 4 to 20) to the residual variance."
     unnamed = "No named effect explains it; it depends on position of a and direction of b."
     assert f"{refuted} {unnamed} Left out of the corrected model." in text
-    assert "8 heights of a spline −3 to 4" in text
-    assert "level 2.5 2 to 3 N m" in text and "exponent 2 fixed" in text
+    assert "8 heights of a spline not in it −3 to 4" in text
+    assert "a Stribeck friction (exponent 2) level not in it 2.5 2 to 3 N m" in text
     assert "2 → 1 N m RMS, noise floor" in text
     assert "larger by 7 %" in text and text.count("larger by") == 1
     assert "runs/r2.parquet 15 16" in text and "runs/r2.parquet 20 10" in text
@@ -278,6 +284,23 @@ def test_failed_simulation_is_an_alarm(tmp_path):
     html = page(tmp_path)
     assert html.count('<div class="alarm">') == 1
     assert "Simulated forward, model after: 1 of 1 runs: failed: the robot fell over" in html
+    # What cannot be simulated is not recommended as a robot of a study.
+    action = str(loop_strip(read_closed_loop(tmp_path)).action)
+    assert action.startswith("The corrected model cannot be simulated: the robot fell over")
+    assert "as a robot of a study" not in action
+
+
+@pytest.mark.parametrize(("after", "worse"), [(2.0, True), (1.1, False)])
+def test_a_simulation_that_strays_further_than_the_declared_model_s_is_said(after, worse):
+    rows = [
+        {"joint": joint, "run": "all", "stage": stage, "outcome": "ok", "motion_rms": middle,
+         "motion_rms_low": 0.9 * middle, "motion_rms_high": 1.1 * middle}
+        for joint, stage, middle in (("a", "before", 1.0), ("a", "after", after), ("b", "before", 1.0),
+                                     ("b", "after", 0.5))
+    ]  # fmt: skip
+    told = doubt_simulation(pd.DataFrame(rows))
+    assert ("further from the measured motion at a: 2 against 1." in told) == worse and bool(told) == worse
+    assert doubt_simulation(None) == ""
 
 
 def test_events_and_thresholds_are_on_the_page(tmp_path):
@@ -287,7 +310,8 @@ def test_events_and_thresholds_are_on_the_page(tmp_path):
     felt = push | {"joint": "b", "t": 1700000002.6, "seconds": 0.5, "size": 2.0}
     write(tmp_path, VERDICT | {"events": [push, felt], "collision_thresholds": limit})
     text = text_of(page(tmp_path))
-    assert "runs/r2.parquet 1700000002.50 0.60 a −7 N m, b 2 N m" in text and "a 3.2 N m 90" in text
+    assert "runs/r2.parquet 1700000002.50 0.60 a −7 N m, b 2 N m" in text
+    assert "a 3.2 N m not known: record longer runs" in text
     write(tmp_path, VERDICT | {"events": [], "collision_thresholds": limit})
     assert "No push and no collision was seen." in text_of(page(tmp_path))
 
@@ -375,6 +399,7 @@ def test_masses_that_nobody_believes_are_the_caveat_of_a_verdict_that_finds_noth
     write(tmp_path, verdict)
     strip = loop_strip(read_closed_loop(tmp_path))
     assert strip.kind == ("unsure" if told else "good")
+    assert ("once its masses are refitted" in strip.answer) == bool(told)
     assert strip.caveat.startswith(told or "Only 1 training run")
 
 
@@ -417,22 +442,16 @@ def test_the_next_step_is_one_that_helps(tmp_path):
     assert 'href="#residual"' in advise().action
 
 
-def test_a_joint_s_curves_are_those_of_a_test_run(tmp_path):
+def test_a_card_draws_the_residual_over_the_signal_that_the_verdict_names(tmp_path):
     write(tmp_path, VERDICT)
     loop = read_closed_loop(tmp_path)
-    joint = loop.joints[0]
-    t = np.linspace(0.0, 4.0, 41)
-    table = pd.DataFrame(
-        {"t": t, "run": "r", "use": "test", "joint": joint, "measured": np.sin(t),
-         "predicted_before": np.where(t < 2, 0.0, np.nan), "predicted_after": np.sin(t), "counts": True}
-    )  # fmt: skip
-    drawn = draw_curves(replace(loop, residual=table), joint)
-    paths = re.findall(r'd="([^"]*)"', drawn)
-    assert paths[0] == paths[2] and len(re.findall("[ML]", paths[0])) == 41
-    assert len(re.findall("[ML]", paths[1])) == 20 and "nan" not in drawn
-    assert draw_curves(replace(loop, residual=table.assign(use="train")), joint) == ""
-    still = draw_curves(replace(loop, residual=table.assign(counts=t < 1)), joint)
-    assert [len(re.findall("[ML]", one)) for one in re.findall(r'd="([^"]*)"', still)] == [41, 10, 10]
+    drawn = draw_curves(loop, "a")
+    before, after = re.findall(r'd="([^"]*)"', drawn)
+    assert before != after and before.count("M") == after.count("M") == 280
+    assert "speed of a [rad/s]" in drawn and "nan" not in drawn
+    over_time = draw_curves(replace(loop, signals=None), "a")
+    assert "time since the start of the run [s]" in over_time
+    assert draw_curves(replace(loop, residual=loop.residual.assign(counts=False)), "a") == ""
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {z}"/>
@@ -453,7 +472,7 @@ def write_models(folder, level=(10.0, 12.0), mass=(5.0, 5.5)):
 def test_what_was_fitted_is_a_table_with_intervals_and_units(tmp_path):
     write(tmp_path, VERDICT)
     without = render_parameters(read_closed_loop(tmp_path))
-    assert "Of the declared model" not in without and "Stribeck" in without
+    assert "Coulomb" not in without and "Stribeck" in without
     write_models(tmp_path)
     text = re.sub(r"<[^>]+>", " ", render_parameters(read_closed_loop(tmp_path)))
     row = " ".join(text.split())

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from reporting.browser import RUNNING_OVER, open_page
 
-from wearscope import tables
 from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.charts.base import CELL_KEYS
+from wearscope.storage import tables
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(os.environ.get("WEARSCOPE_RESULTS", ROOT / "results" / "paper")).absolute()

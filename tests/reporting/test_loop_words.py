@@ -5,6 +5,7 @@ import pytest
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.labels import PARAMETERS, effect_name, parameter_name
 from wearscope.reporting.loop_words import (
+    LOAD,
     conclude_loop,
     list_alarms,
     name_with_rivals,
@@ -12,6 +13,7 @@ from wearscope.reporting.loop_words import (
     size_left,
     tell_left,
     tell_planted,
+    tell_rivals,
 )
 
 ENTRY = {
@@ -138,3 +140,35 @@ def test_a_headline_has_three_names_and_a_count_and_each_joint_once():
     text = conclude_loop({"verdict": entries, "joints": joints})[1]
     assert "backlash at axis_1; " in text and "; and 2 more. " in text
     assert "ripple" not in text
+
+
+def test_joints_with_one_name_are_told_together_and_their_rivals_apart():
+    joints = {f"axis_{k}": dict(JOINT) for k in range(1, 5)}
+    rivals = [[], ["quadratic_viscous"], ["quadratic_viscous"], ["warm_up_drift"]]
+    entries = [
+        ENTRY | {"effect": "stribeck", "joint": joint, "equivalent": others}
+        for joint, others in zip(joints, rivals, strict=True)
+    ]
+    verdict = {"verdict": entries, "joints": joints}
+    kind, text = conclude_loop(verdict)
+    assert kind == "unsure"
+    assert text.startswith(
+        "The declared model lacks Stribeck friction at all 4 joints (at 3 of them other names fit as well). "
+    )
+    assert tell_rivals(verdict) == (
+        "These runs leave open whether it is Stribeck friction or quadratic viscous friction at axis_2 and "
+        "axis_3; Stribeck friction or warm up drift at axis_4."
+    )
+
+
+def test_a_load_that_refitted_masses_stand_in_for_is_said_first():
+    note = f"{LOAD}+36 kg (+35 to +37) in addition to the stated one: it removes 96 % of the error. State it."
+    loaded = copy.deepcopy(VERDICT) | {"notes": ["another: one.", note]}
+    kind, text = conclude_loop(loaded)
+    begun = f"{LOAD}+36 kg (+35 to +37) in addition to the stated one. The declared model "
+    assert kind == "unsure" and text.startswith(f"{begun}also lacks gravity counterbalance")
+    nothing = loaded | {"verdict": []}
+    kind, text = conclude_loop(nothing)
+    assert kind == "unsure" and text.endswith("Nothing else that the declared model lacks is seen.")
+    nothing["joints"]["axis_2"] |= {"state": "unexplained"}
+    assert conclude_loop(nothing)[1].endswith("lacks is seen, and axis_2 keeps something unexplained.")

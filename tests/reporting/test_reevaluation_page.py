@@ -83,7 +83,7 @@ def test_the_page_begins_with_two_short_sentences(one, table):
 def test_only_another_best_detector_is_a_change(one, ranking):
     """Before, either may be the best; after, one of them is."""
     ranking["before"] = 0.5
-    assert tell_headline(one).startswith("No change of the best detector is sure.")
+    assert tell_headline(one).startswith("The best detector may be unchanged.")
     ranking[["before", "after"]] = [[0.99, 0.99], [0.01, 0.01]]
     assert tell_headline(one).startswith("The best detector stays the same.")
 

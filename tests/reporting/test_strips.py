@@ -27,7 +27,7 @@ from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.reporting.study_page import render_study
-from wearscope.tables import write_table
+from wearscope.storage.tables import write_table
 
 
 class Text(HTMLParser):

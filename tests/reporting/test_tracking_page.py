@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.reporting.tracking_page import (
     Tracking,
+    list_panels,
     read_tracking,
     tell_entry,
     tracking_strip,
@@ -18,6 +18,7 @@ from wearscope.reporting.tracking_page import (
     trend_table,
     write_tracking_page,
 )
+from wearscope.storage import tables
 
 ENTRY = {
     "joint": "a", "effect": "coulomb", "parameter": "level", "change": 0.6, "ci95": [0.4, 0.8],
@@ -68,7 +69,7 @@ def write(folder, outcome=OUTCOME):
 def test_page_tells_what_changed_since_when_and_what_cannot_be_told(tmp_path):
     text = re.sub(r"<[^>]+>", "", write(tmp_path))
     assert (
-        "Coulomb friction of a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; "
+        "Coulomb friction at a: level +0.6 N m (95 %: 0.4 to 0.8), since d3; "
         "viscous friction would explain it as well." in text
     )
     assert "2 sessions after 2 healthy ones; false alarms in 1 % of sessions" in text
@@ -148,7 +149,7 @@ def test_a_body_is_told_in_kg_and_needs_no_maintenance():
     moment = BODY | {"parameter": "moment_x", "change": 0.1, "ci95": [0.08, 0.12], "unit": "kg m"}
     sessions = [{"session": "d4", "changes": [BODY, moment], "cannot_tell": [], "smallest_visible": SEEN}]
     strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
-    assert "+0.5 kg since d4" in strip.answer and "kg m" not in strip.answer
+    assert "weight on the link of a by +0.5 kg since d4" in strip.answer and "kg m" not in strip.answer
     assert "maintenance" not in str(strip.action)
     assert tell_entry(BODY).endswith("; or on the link that b moves.")
 
@@ -158,3 +159,27 @@ def test_a_headline_has_three_names_and_a_count():
     sessions = [{"session": "d4", "changes": changes, "cannot_tell": [], "smallest_visible": SEEN}]
     answer = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame())).answer
     assert answer.count("Coulomb") == 3 and "2 more" in answer
+
+
+def test_each_joint_that_changed_has_a_panel_with_its_alarm_line(tmp_path):
+    html = write(tmp_path)
+    tracking = read_tracking(tmp_path)
+    panels = list_panels(tracking, trend_table(tracking))
+    assert [title for title, *_ in panels.values()] == ["Friction of a", "Friction of b"]
+    rows = panels["panel-0"][2]
+    assert set(rows["joint"]) == {"a"} and rows["alarm"].to_list()[2:] == [105.0, 105.0]
+    assert rows["alarm"].isna().to_list()[:2] == [True, True]
+    assert 'id="panel-0-chart"' in html and html.count('data-name="panel-') == 2
+    moved = [{"session": "d4", "changes": [BODY], "cannot_tell": [], "smallest_visible": SEEN}]
+    table = pd.read_parquet(tmp_path / "changes.parquet")
+    body = table[table["effect"] == "coulomb"].assign(effect="payload_error", parameter="mass", unit="kg")
+    tracking = Tracking(OUTCOME | {"sessions": moved}, pd.concat([table, body]))
+    (title, axis, rows) = list_panels(tracking, trend_table(tracking))["panel-0"]
+    assert (title, axis) == ("Payload error of a, mass", "mass [kg]") and rows["alarm"].isna().all()
+
+
+def test_wear_is_told_as_what_it_adds_to_friction():
+    wear = ENTRY | {"effect": "wear", "parameter": "eta7"}
+    sessions = [{"session": "d4", "changes": [wear], "cannot_tell": [], "smallest_visible": SEEN}]
+    strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
+    assert "Changed: wear at a (+12 % friction) since d3." in strip.answer

@@ -318,6 +318,7 @@ def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
             ["hinge"],
             "2 links have no parent (base, stray)",
         ),
+        (simple().replace("</joint>", '<axis xyz="1 0 0"/></joint>'), ["hinge"], "has 2 <axis>s; keep one"),
         (simple().replace("</robot>", ""), ["hinge"], "not well-formed XML"),
         (simple().replace("robot", "model"), ["hinge"], "starts with <model>"),
         ('<robot name="bare"/>', None, "URDF: has no links"),

@@ -8,7 +8,7 @@ import pytest
 from wearscope.effects.base import Plant
 from wearscope.simulation import balance, step, terms
 from wearscope.simulation.arrays import Gears, Law, make_motion, make_state, make_work
-from wearscope.simulation.gear import deflection
+from wearscope.simulation.balance import deflection
 from wearscope.simulation.plant import build_gears, build_plant
 from wearscope.simulation.terms import Terms, order_terms, pack_terms
 
@@ -341,8 +341,8 @@ def evaluate(arms, effects, mode, slope):
     motion.speed[:], motion.acceleration[:], motion.sign[:] = 0.5, 2.0, mode
     low, high, jacobian, slope = np.zeros(n), np.zeros(n), np.full((n, n), 99.0), np.full(n, slope)
     terms.evaluate_terms(
-        rows, packed, np.array(mode), np.full(n, 0.3), slope, jacobian, motion, low, high, 0.0, 0.1,
-        np.full(n, 50.0), np.zeros(n),
+        rows, packed, np.array(mode), np.full(n, 0.3), slope, jacobian, np.zeros((n, n)), motion, low, high,
+        0.0, 0.1, np.full(n, 50.0), np.zeros(n),
     )  # fmt: skip
     return low, high, slope, jacobian, motion
 
@@ -401,7 +401,7 @@ def test_a_part_is_balanced_in_one_correction_and_looked_at_again_unless_that_is
     """An inertia of 3 with a drag of 5 v under 70 N m from a speed of 2: v = 2 + h (70 - 5 v)/3."""
     asked = []
 
-    def evaluate(rows, terms, mode, before, slope, jacobian, motion, low, high, *_):
+    def evaluate(rows, terms, mode, before, slope, jacobian, inertia, motion, low, high, *_):
         asked.append(float(motion.speed[0]))
         low[:] = high[:] = 5.0 * motion.speed
 
@@ -428,7 +428,7 @@ def test_a_part_is_balanced_in_one_correction_and_looked_at_again_unless_that_is
 def test_a_slope_that_the_load_made_is_asked_for_again(monkeypatch, loaded):
     """A load that changes next to a small change of speed looks like a slope at which nothing moves."""
 
-    def evaluate(rows, terms, mode, before, slope, jacobian, motion, low, high, *_):
+    def evaluate(rows, terms, mode, before, slope, jacobian, inertia, motion, low, high, *_):
         low[:] = high[:] = 5.0 * motion.speed
         slope[np.isnan(slope)] = 5.0
 

@@ -11,13 +11,13 @@ def run(code):
 
 def test_the_banner_is_printed_without_and_not_with_the_module():
     assert "pybullet build time" in "".join(run("import pybullet")[1:])
-    assert run("from wearscope.simulation import bullet; print(bullet.pybullet.DIRECT)") == (0, "2\n", "")
+    assert run("from wearscope.simulation import world; print(world.pybullet.DIRECT)") == (0, "2\n", "")
 
 
 def test_everything_else_is_passed_on():
     code, out, error = run(
         "import os, sys\n"
-        "from wearscope.simulation.bullet import drop_banner\n"
+        "from wearscope.simulation.world import drop_banner\n"
         "with drop_banner():\n"
         "    os.write(2, b'pybullet build time: now\\nlow on memory\\n')\n"
         "    print('a warning', file=sys.stderr)\n"

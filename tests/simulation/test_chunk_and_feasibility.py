@@ -10,15 +10,14 @@ import pyarrow.parquet as pq
 import pybullet
 import pytest
 
-from wearscope import tables
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation import chunk, feasibility, study
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
-from wearscope.simulation.packed import point_path
+from wearscope.simulation.packed import point_path, read_points
 from wearscope.simulation.recording import read_fingerprint, read_recording
-from wearscope.simulation.traces import read_points
+from wearscope.storage import tables
 
 ROOT = Path(__file__).parents[2]
 KINDS = {"f": "wear", "w3": "temperature", "w4": "dwell", "w5": "payload_mass_error"}
@@ -352,7 +351,7 @@ def test_a_simulating_process_imports_nothing_that_it_does_not_need(tmp_path):
     program = f"""
 import sys
 from pathlib import Path
-from wearscope import tables
+from wearscope.storage import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.chunk import Plan, simulate_chunk

@@ -39,7 +39,7 @@ def run(*command, **names):
 @pytest.mark.slow
 def test_nothing_is_compiled_that_the_set_up_compiles(tmp_path):
     names = {"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
-    assert "data saved to" in run("-m", "wearscope.compiled", **names)
+    assert "data saved to" in run("-m", "wearscope.jobs.compiled", **names)
     told = run("-c", USE, **names)
     assert "data loaded from" in told
     assert "data saved to" not in told

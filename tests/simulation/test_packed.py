@@ -6,9 +6,9 @@ import tarfile
 import numpy as np
 import pytest
 
-from wearscope.files import DamagedFile
 from wearscope.simulation.packed import PackedRecordings, pack_recordings, point_path, remove_recordings
 from wearscope.simulation.recording import Recording, read_recording, write_recording
+from wearscope.storage.files import DamagedFile
 
 
 @pytest.fixture

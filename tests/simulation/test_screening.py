@@ -6,9 +6,9 @@ import pytest
 
 from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
+from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.robots.model import load_model
 from wearscope.simulation import screening
-from wearscope.simulation.idle import drop_idle
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.screening import STRIDE, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_point

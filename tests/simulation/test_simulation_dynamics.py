@@ -8,19 +8,17 @@ import pinocchio as pin
 import pytest
 
 from wearscope.effects.base import Plant
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
+from wearscope.jobs.sources import find_sources
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
 from wearscope.robots.urdf_file import parse_urdf, write_link
 from wearscope.simulation import step, world
 from wearscope.simulation.arrays import Law, make_state
-from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.chain import build_chain, sum_parameters, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.run import _check_tracking, _compare, run_motion
-from wearscope.simulation.world import World, prove_world
-from wearscope.sources import find_sources
+from wearscope.simulation.world import World, prove_world, pybullet
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 
@@ -278,6 +276,6 @@ def test_compiled_step_is_looked_up_by_all_its_sources(monkeypatch, tmp_path):
         (tmp_path / f"{name}.py").write_text(Path(step.__file__).with_name(f"{name}.py").read_text())
     monkeypatch.setattr(step, "__file__", str(tmp_path / "step.py"))
     assert step._stamp_sources() == before
-    with open(tmp_path / "gear.py", "a") as file:
+    with open(tmp_path / "terms.py", "a") as file:
         file.write("# changed")
     assert step._stamp_sources() != before

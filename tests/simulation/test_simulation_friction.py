@@ -6,12 +6,12 @@ from scipy.integrate import trapezoid
 from single_axis import DRIVE, make_axis
 
 from wearscope.cycles.base import Reference
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
+from wearscope.robots.model import make_model
 from wearscope.simulation.arrays import Law
+from wearscope.simulation.balance import deflection, invert_deflection
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import simulate_forward, trace_forward
-from wearscope.simulation.gear import deflection, invert_deflection
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.run import BLOCK, run_motion
 from wearscope.simulation.terms import pack_terms
@@ -340,3 +340,45 @@ def test_what_pybullet_gets_is_told_by_effect(arms, lost_motion):
     plain, _ = trace_forward(model, reference)
     assert plain.shares is None
     np.testing.assert_array_equal(plain.torque, trace.torque)
+
+
+def chain(lengths, masses):
+    """A planar arm of uniform rods in a vertical plane, as URDF."""
+    told, parent, at = '<robot name="chain"><link name="base"/>', "base", 0.0
+    for k, (length, mass) in enumerate(zip(lengths, masses, strict=True)):
+        turn = mass * length**2 / 12.0
+        told += (
+            f'<link name="l{k}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>'
+            f'<inertia ixx="{turn}" iyy="{turn}" izz="{turn}"/></inertial></link>'
+            f'<joint name="j{k}" type="continuous"><origin xyz="{at} 0 0"/><parent link="{parent}"/>'
+            f'<child link="l{k}"/><axis xyz="0 1 0"/></joint>'
+        )
+        parent, at = f"l{k}", length
+    return told + "</robot>"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_load_friction_of_two_neighbours_balances_along_a_motion(seed):
+    """Each one's load moves with the other's acceleration, which slopes against one speed do not tell."""
+    rng, n, share = np.random.default_rng(seed), 4, 0.3
+    entries = [
+        {"joint": f"j{k}", "effect": "load_dependent_friction", "parameters": {"coefficient": share}}
+        for k in (1, 2)
+    ]
+    urdf = chain((0.4, 0.35, 0.2, 0.12), (6.0, 4.0, 1.5, 0.8))
+    fields = {"name": "chain", "urdf": "chain.urdf", "joints": [f"j{k}" for k in range(n)]}
+    model = make_model({**fields, "effects": entries}, urdf)
+    t = np.arange(2000) * 1e-3
+    q, v, a = np.zeros((3, len(t), n))
+    for frequency in (0.23, 0.41, 0.7):
+        w, phase = 2.0 * np.pi * frequency, rng.uniform(0.0, 6.28, n)
+        size, angle = rng.normal(0.0, 0.2, n), w * t[:, None] + phase
+        q, v, a = q + size * np.sin(angle), v + size * w * np.cos(angle), a - size * w**2 * np.sin(angle)
+    trace, _ = trace_forward(model, Reference(t, q, v, a))
+    count = len(trace.torque)
+    q, v = trace.q[:count], trace.v[:count]
+    load = model.rigid_body().inverse_dynamics(q, v, np.gradient(v, 1e-3, axis=0))
+    friction = share * np.abs(load) * np.sign(v) * np.array([0.0, 1.0, 1.0, 0.0])
+    moves = np.all(np.abs(v) > 0.02, axis=1)
+    missed = (trace.torque - load - friction)[moves][5:-5]
+    assert np.sqrt(np.mean(missed**2, axis=0)) == pytest.approx(np.zeros(n), abs=0.02 * np.abs(load).max())

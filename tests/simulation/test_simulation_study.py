@@ -9,12 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from wearscope import tables
 from wearscope.cycles.base import Reference, load_cycle
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import load_model
 from wearscope.robots.numbers import Number
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import refine_reference, simulate_forward
 from wearscope.simulation.recording import Recording, read_recording, write_recording
 from wearscope.simulation.run import Trace
@@ -27,6 +25,7 @@ from wearscope.simulation.study import (
     simulate_point,
     simulate_points,
 )
+from wearscope.storage import tables
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 

@@ -1,20 +1,24 @@
 """Models made from a URDF: what is stated is taken, all else marked, and the robot can do its cycles."""
 
+import json
 import re
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
 
 from wearscope.checking.robot import check_robot_folder
+from wearscope.closed_loop.intake.dataset_fields import DatasetFields
 from wearscope.cycles.base import check_reference, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.friction_law import friction_from_efficiency, scale_friction_law
-from wearscope.robots.model import load_model
+from wearscope.robots.model import RobotModel, load_model
 from wearscope.starters import limits
 from wearscope.starters.model_text import write_model_text
 from wearscope.starters.robot import Stated, copy_urdf, make_robot
+from wearscope.starters.writing import write_schema
 
 ROOT = Path(__file__).parents[2]
 AXES = ("0 0 1", "0 1 0")
@@ -159,3 +163,14 @@ def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):
 def test_a_stated_number_that_is_none_gets_one_sentence(stated, told, tmp_path):
     with pytest.raises(InputError, match=told):
         make_robot(write_arm(tmp_path / "a.urdf"), "arm", Stated(**stated))
+
+
+def test_what_is_written_names_its_schema_and_keeps_it(tmp_path):
+    model, figures, _ = save(tmp_path / "arm", write_arm(tmp_path / "a.urdf"), Stated(payload=0.5))
+    text = write_schema(tmp_path, RobotModel) + write_model_text(model, figures, "x.urdf", True, False)
+    assert text.startswith("# yaml-language-server: $schema=schema.json\n")
+    schema, fields = json.loads((tmp_path / "schema.json").read_text()), yaml.safe_load(text)
+    jsonschema.validate(fields, schema)
+    with pytest.raises(jsonschema.ValidationError, match="wear_axis"):
+        jsonschema.validate(fields | {"wear_axis": ["j1"]}, schema)
+    assert {"name", "robot", "runs"} <= set(DatasetFields.model_json_schema()["required"])

@@ -1,5 +1,6 @@
 """Recordings of every number type, shape and clock: read as what they hold, or refused in a sentence."""
 
+import gzip
 import io
 import json
 import random
@@ -8,9 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from hostile.recordings import ARRAYS, CELLS, CLOCKS, SHAPES
-from hostile.samples import make_table
+from hostile.samples import URDF, make_table
 
 from wearscope.errors import InputError
+from wearscope.starters.conversion import convert_recordings
+from wearscope.starters.held import find_hold
+from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
 from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 from wearscope.starters.states import spread_states
@@ -110,3 +114,42 @@ def test_names_are_bounded_and_plain(table, tmp_path):
     assert {r"a\nb: [c]", r"\x1b[2J"} <= set(frame)
     assert read(tmp_path / "a.json", table.rename(columns={"t": "x" * 301}).to_json().encode()) is None
     assert read(tmp_path / "a.json", b'[{"\\ud800": 1.0, "t": 2.0}, {"\\ud800": 1.0, "t": 3.0}]') is not None
+
+
+def to_bytes(frame, way):
+    """A table written in some way."""
+    out = io.BytesIO()
+    way(frame, out)
+    return out.getvalue()
+
+
+ODD = {
+    "lines of several kinds.jsonl": b'{"t": 0}\n[1, 2]\n"x"\n' * 50,
+    "bytes.parquet": lambda frame: to_bytes(
+        frame.assign(q_j1=[b"\xff"] * len(frame)), pd.DataFrame.to_parquet
+    ),
+    "no table.json": b"3",
+    "deep.json": b"[" * 100_000,
+    "long number.json": b'[{"t": ' + b"9" * 5000 + b"}]",
+    "ends early.csv.gz": lambda frame: gzip.compress(frame.to_csv(index=False).encode())[:-20],
+    "ends of lines.csv": b"\n" * 100_000,
+    "no rows.csv": b"t,q_j1\n",
+    "structs.parquet": lambda frame: to_bytes(
+        frame.assign(q_j1=[{"a": 1}] * len(frame)), pd.DataFrame.to_parquet
+    ),
+    "leap second.csv": lambda frame: frame.assign(t="2016-12-31 23:59:60").to_csv(index=False).encode(),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_files_are_refused_in_a_sentence(table, tmp_path, name):
+    path, content = tmp_path / name, ODD[name]
+    path.write_bytes(content if isinstance(content, bytes) else content(table))
+    (tmp_path / "duo.urdf").write_text(URDF)
+    with pytest.raises(InputError) as caught:
+        convert_recordings([path], tmp_path / "duo.urdf", Mapped(joints=["j1", "j2"]))
+    assert "\n" not in str(caught.value)
+
+
+def test_values_that_are_infinite_are_held_by_nothing():
+    assert find_hold(np.full(500, -np.inf)) == 1

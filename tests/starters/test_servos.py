@@ -19,12 +19,12 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.errors import InputError
-from wearscope.servos import read_servos
+from wearscope.robots.servos import read_servos
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.servos import PRESETS, read_servo_option
-from wearscope.tables import check_unpacked
+from wearscope.storage.tables import check_unpacked
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="10"/>'
 INERTIA = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'

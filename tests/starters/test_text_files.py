@@ -180,7 +180,7 @@ def test_lists_in_json_are_columns(lines, tmp_path):
 def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
     (tmp_path / "a.jsonl").write_text('{"time": 0, "q": {"left": 1, "right": 2}}\n' * 9)
     with pytest.raises(
-        InputError, match="column 'q' holds values of several parts, or named ones; give each a column"
+        InputError, match="column 'q' holds bytes, or values of several or named parts; give each a column"
     ):
         read_recording(tmp_path / "a.jsonl")
     np.savez(tmp_path / "b.npz", q=np.array([{}], dtype=object))
@@ -414,3 +414,10 @@ def test_a_row_that_is_longer_than_the_others_loses_no_value_silently(tmp_path):
             assert "cannot be read as a table" in str(error)
         else:
             assert 7 in frame.to_numpy() and 8 in frame.to_numpy()
+
+
+def test_printed_signs_in_columns_of_text_are_signs(tmp_path):
+    text = table().astype(str).apply(lambda one: one.str.replace("-", "\u2212"))
+    text.to_parquet(tmp_path / "signs.parquet")
+    frame, _ = read_recording(tmp_path / "signs.parquet")
+    assert np.allclose(frame.astype(float), table()) and (table() < 0).any().any()

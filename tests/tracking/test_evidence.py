@@ -5,9 +5,15 @@ import pytest
 from session_machine import write_machine
 
 from wearscope.tracking.bodies import point_parameters, weigh_point
-from wearscope.tracking.evidence import Evidence, condition, invert
+from wearscope.tracking.evidence import (
+    PRIOR_FRICTION,
+    Evidence,
+    condition,
+    invert,
+    measure_scatter,
+    prior_scatter,
+)
 from wearscope.tracking.rows import make_rows, scatter_columns
-from wearscope.tracking.scatter import PRIOR_FRICTION, measure_scatter, prior_scatter
 from wearscope.tracking.session_names import read_sessions
 from wearscope.tracking.session_runs import prepare_runs
 from wearscope.tracking.sessions import read_session

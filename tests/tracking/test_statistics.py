@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.tracking.temperature import SLOPE, temperature_features
+from wearscope.tracking.structure import SLOPE, temperature_features
 from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
 
 

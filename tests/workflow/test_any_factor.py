@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 import wearscope
-from wearscope import tables
 from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_recording
+from wearscope.storage import tables
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "workflow" / "tiny"

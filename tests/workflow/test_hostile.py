@@ -98,6 +98,7 @@ def test_sound_inputs_are_accepted(run, name, tmp_path):
         (hostile.Outcome(0, "well.\n", 1.0, 3 << 30), None, "1.0 s, 3.00 GiB"),
         (hostile.Outcome(0, "\x1b[2J\n", 1.0, 1), None, "steers the terminal"),
         (hostile.Outcome(1, "\n", 1.0, 1), None, "ends without a word"),
+        (hostile.Outcome(1, "no rows\n", 1.0, 1), None, "says no sentence"),
         (hostile.Outcome(1, "no.\n", 1.0, 1), "made", "leaves made"),
         (hostile.Outcome(0, "well.\n", 1.0, 1), hostile.RAN, "code ran"),
     ],

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from wearscope.extras import EXTRAS
+from wearscope.errors import EXTRAS
 
 ROOT = Path(__file__).parents[2]
 #: Distributions by the module that they give, where the names differ.

@@ -14,8 +14,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from wearscope import checksums, processes, tables
+from wearscope import processes
 from wearscope.errors import InputError
+from wearscope.storage import checksums, tables
 
 _SPEC = importlib.util.spec_from_file_location(
     "workflow_job", Path(__file__).parents[2] / "workflow" / "scripts" / "job.py"
@@ -246,3 +247,26 @@ def test_settings_of_libraries_in_the_working_directory_are_not_obeyed(tmp_path)
         tmp_path,
     )
     assert done.stdout == "0\n", done.stderr
+
+
+def test_a_job_that_refuses_its_input_does_not_work_again_in_the_same_run(snakemake, capsys, monkeypatch):
+    worked, log = [], Path(snakemake.log[0])
+    monkeypatch.setattr(job, "end_with", lambda identity: None)
+
+    def attempt(main, error, ends):
+        monkeypatch.setenv(processes.MAIN, main)
+        log.unlink(missing_ok=True)  # as Snakemake does
+        with pytest.raises(ends), job.run_job(snakemake):
+            worked.append(main)
+            raise error
+        return capsys.readouterr().err, log.read_text()
+
+    empty, defect = InputError("r.csv: is empty; record again."), ValueError("a defect")
+    first = attempt("7:1", empty, SystemExit)
+    again = attempt("7:1", empty, SystemExit)
+    assert worked == ["7:1"] and "r.csv: is empty" in again[0] and again[1] == first[1]
+    attempt("8:1", defect, ValueError)
+    assert "ValueError: a defect" in attempt("8:1", defect, SystemExit)[1]
+    assert worked == ["7:1", "8:1"]
+    attempt("8:1", empty, SystemExit)  # a third time it works again: what it said was of the last try
+    assert worked == ["7:1", "8:1", "8:1"]

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from wearscope.errors import InputError
-from wearscope.named_files import NamedDataSet, NamedRobot
+from wearscope.jobs.named_files import NamedDataSet, NamedRobot
 
 MEDIUM = Path(__file__).parents[2] / "config" / "robots" / "medium"
 

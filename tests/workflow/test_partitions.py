@@ -8,8 +8,8 @@ import clones
 import pytest
 import yaml
 
-from wearscope import tables
 from wearscope.integrity import find_damage
+from wearscope.storage import tables
 
 TABLES = (
     "test_quantities", "failures", "failed_simulations", "surrogates", "validation", "snr",

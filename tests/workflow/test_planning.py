@@ -1,26 +1,32 @@
 """How a study is cut into jobs, without Snakemake."""
 
 import re
+import shutil
 import subprocess
 import sys
 from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
 from wearscope.config import load_config
-from wearscope.planning import Plan
-from wearscope.sources import find_script_sources
+from wearscope.jobs.planning import Plan, needs
+from wearscope.jobs.sources import find_script_sources
+from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset
+from wearscope.storage.tables import write_table
 
 ROOT = Path(__file__).parents[2]
 
 
+def read_quick(**settings):
+    return load_config(yaml.safe_load((ROOT / "config" / "quick.yaml").read_text()) | settings)
+
+
 def make_plan(packs=False, drops=False, **simulation):
-    config = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
-    config["simulation"] = {"chunk": 7, **simulation}
-    return Plan(load_config(config), "results/quick", packs, drops)
+    return Plan(read_quick(simulation={"chunk": 7, **simulation}), "results/quick", packs, drops)
 
 
 def count_points(plan, name):
@@ -82,6 +88,103 @@ def test_test_quantities_come_from_traces_or_from_their_chunks():
     assert whole["parts"] == [] and len(whole["traces"](w)) > 0
     cut = make_plan(job_seconds=8, point_seconds=1.0, quantity_seconds=1.0).quantity_inputs("identification")
     assert len(cut["parts"]) == len(cut["failed"]) > 1 and cut["traces"](w) == []
+
+
+def test_tables_are_named_by_robot_and_cycle_or_by_partition():
+    plan = Plan(read_quick(robots=["medium", "large"]), "results/quick", False)
+    assert plan.parts("screening", "screening", "{robot}") == [
+        "results/quick/screening/medium.parquet", "results/quick/screening/large.parquet",
+    ]  # fmt: skip
+    each = plan.parts("snr", "snr", "{robot}", "{cycle}")
+    assert len(set(each)) == len(each) == 2 * len(plan.study.cycles)
+    assert plan.whole("snr") == ["results/quick/snr.parquet"]
+    divided = Plan(
+        read_quick(robots=["medium", "large"], partitions={"robots": 1, "above": 1}), "results/quick", False
+    )
+    wanted = [f"results/quick/partitions/{number:05d}/snr.parquet" for number in (0, 1)]
+    assert divided.parts("snr", "snr", "{robot}") == divided.whole("snr") == wanted
+
+
+def test_inputs_of_a_section_are_those_of_its_surrogates():
+    plan = make_plan()
+    assert plan.asked_of("full")(None) == {"surrogates": "results/quick/surrogates.parquet"}
+    chosen = plan.asked_of("chosen", plan.whole)(None)
+    assert set(chosen) == {"surrogates", "chosen", "test_quantities"}
+    assert chosen["chosen"] == ["results/quick/chosen_surrogates.parquet"]
+    figures = plan.figure_files(plan.scope_figures, lambda file, **about: (file, about["caption"]))
+    assert len(figures) == 2 * len(plan.scope_figures)
+    svg = next(iter(figures.values()))
+    assert svg == (f"results/quick/figures/{plan.scope_figures[0]}.svg", "../report/scope.rst")
+    drawn = plan.drawn_files("loop", "before", "after")
+    assert len(set(drawn)) == 2 * plan.study.reevaluate.draws and drawn[0].startswith("loop/drawn/before-01")
+
+
+def test_a_second_look_is_asked_for_only_where_its_design_has_points(tmp_path):
+    plan, design = make_plan(drops=True), tmp_path / "recheck.parquet"
+    for points, files in (([], 0), ([1], len(plan.audited) * len(plan.study.robots))):
+        write_table(design, {"point": np.array(points, dtype=int)})
+        assert len(set(plan.rechecked(str(design)))) == files
+    folder = "results/quick/traces/{robot}/{cycle}"
+    assert plan.recordings_of(["nominal", "audit"]) == [f"{folder}/audit/_chunk-0.tar"]
+
+
+def test_a_job_that_is_tried_again_asks_for_more():
+    asked = needs(1000, 20)
+    assert [asked[key](None, attempt) for key in ("mem_mb", "runtime") for attempt in (1, 3)] == [
+        1000, 3000, 20, 60,
+    ]  # fmt: skip
+
+
+def test_files_of_a_study_are_its_own_and_what_its_jobs_run(tmp_path):
+    robot = tmp_path / "theirs"
+    shutil.copytree(ROOT / "config" / "robots" / "medium", robot)
+    (tmp_path / "own.py").write_text("DETECTOR = None")
+    study = read_quick(
+        robots=["medium", str(robot)], detectors={"C": "friction_fit", "X": str(tmp_path / "own.py")}
+    )
+    flagged = []
+    files = StudyFiles(study, "results/q", str(ROOT), lambda found: flagged.extend(found) or found)
+    own = {Path(file).resolve() for file in files.own_files()}
+    assert own >= {tmp_path / "own.py", robot / "model.yaml", robot / "robot.urdf"}
+    assert not any("src" in file.parts for file in own)
+    assert {Path(one).name for one in files.code("compute_snr")} >= {"compute_snr.py", "job.py", "snr.py"}
+    assert set(files.code("compute_snr")) <= set(flagged)
+    assert files.installed("detectors", "robots") == {} and files.dataset_inputs == {}
+    assert any(str(one).endswith("page.html") for one in files.report_files)
+    code = files.list_partition_code()
+    assert len(set(code)) == len(code) and set(files.code("compute_snr")) <= set(code)
+
+
+def test_a_robot_that_a_rule_makes_has_the_effects_of_its_sources():
+    carried = {"large": {"source": "medium"}}
+    files = StudyFiles(read_quick(robots=["large"], carry_over=carried), "results/q", str(ROOT))
+    made = "results/q/robots/large.yaml"
+    assert files.robots == {"large": made} and files.robot_files(made) == [made, made[:-4] + "urdf"]
+    assert set(files.robot_effects(made)) > set(files.robot_effects("medium"))
+
+
+def test_models_of_a_reevaluation_are_files_of_a_loop_or_of_robots():
+    lent = {"carry_over": {"source": "large"}}
+    files = StudyFiles(read_quick(reevaluate=lent), "results/q", str(ROOT))
+    found = files.reevaluated_models(["loop/model_after.yaml", "medium"], "loop")
+    parents = [Path(file).parent.name for file in found]
+    assert sorted(parents) == ["large", "large", "loop", "medium", "medium"]
+
+
+def test_tracking_without_sessions_ends_in_a_sentence():
+    with pytest.raises(SystemExit, match="dataset is missing; say which machine"):
+        list_tracked(None, "")
+    with pytest.raises(SystemExit, match="why"):
+        list_tracked(SimpleNamespace(refusal="why"), "results/tracking/m")
+    assert "results/tracking/m/report.html" in list_tracked(SimpleNamespace(refusal=""), "results/tracking/m")
+    with pytest.raises(SystemExit, match="dataset is missing; name a data set"):
+        refuse_without_dataset(None)
+
+
+def test_a_refused_robot_ends_the_run_in_its_sentence():
+    files = StudyFiles(read_quick(), "results/q", str(ROOT))
+    with pytest.raises(SystemExit, match="config: robots: "):
+        files.robot_files("nowhere")
 
 
 def test_each_figure_has_its_category():

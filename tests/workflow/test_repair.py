@@ -13,7 +13,7 @@ import clones
 import pytest
 import yaml
 
-from wearscope.archives.comparison import Content, compare_contents
+from wearscope.archive.comparison import Content, compare_contents
 
 pytestmark = pytest.mark.slow
 

@@ -1,7 +1,7 @@
 import ast
 from pathlib import Path
 
-from wearscope import sources
+from wearscope.jobs import sources
 
 
 def test_imports_are_followed_and_only_they(tmp_path):
@@ -17,19 +17,21 @@ def test_imports_are_followed_and_only_they(tmp_path):
 
 def test_modules_named_as_attributes_and_inside_functions_are_found(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text("def f():\n    from wearscope.designs import bases\n    import wearscope.tables as t\n")
+    script.write_text(
+        "def f():\n    from wearscope.designs import bases\n    import wearscope.storage.tables as t\n"
+    )
     names = {file.name for file in sources.find_sources(script)}
     assert {"bases.py", "tables.py", "script.py"} <= names
 
 
 def test_imports_in_every_kind_of_block_are_found(tmp_path):
     blocks = {
-        "tables": "try:\n    {0}\nexcept OSError:\n    pass",
+        "limits": "try:\n    {0}\nexcept OSError:\n    pass",
         "plugins": "try:\n    pass\nexcept OSError:\n    {0}",
         "errors": "try:\n    pass\nfinally:\n    {0}",
-        "compare": "for k in ():\n    pass\nelse:\n    {0}",
-        "archive": "with open('x'):\n    if 0:\n        pass\n    elif 1:\n        {0}",
-        "provenance": "class A:\n async def f(self):\n  match 1:\n   case 1:\n    {0}",
+        "home": "for k in ():\n    pass\nelse:\n    {0}",
+        "processes": "with open('x'):\n    if 0:\n        pass\n    elif 1:\n        {0}",
+        "supervision": "class A:\n async def f(self):\n  match 1:\n   case 1:\n    {0}",
     }
     for name, block in blocks.items():
         script = tmp_path / f"{name}_script.py"

@@ -32,7 +32,7 @@ def count(self, name):
     return whole(self, name)
 
 importlib.metadata.PathDistribution.read_text = count
-from wearscope.provenance import describe_provenance
+from wearscope.storage.provenance import describe_provenance
 version = describe_provenance([])["packages"]["twice"]
 opened = [path for path, name in read if name == "METADATA" and "twice" not in path]
 print(json.dumps([version, importlib.metadata.version("twice"), max(map(opened.count, opened))]))

@@ -17,7 +17,7 @@ import pytest
 import yaml
 from clones import ROOT, TINY, command, copy_tree, digests, run, run_well, stale
 
-from wearscope import tables
+from wearscope.storage import tables
 
 CONTRACT = {
     "test_quantities.parquet": "robot cycle axis fda set point f w3 w5 y",

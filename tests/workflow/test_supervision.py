@@ -7,7 +7,7 @@ import time
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile
+from wearscope.storage.files import DamagedFile
 from wearscope.supervision import ProcessLost, call_supervised, run_supervised
 
 

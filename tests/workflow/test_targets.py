@@ -9,9 +9,9 @@ import yaml
 from clones import ROOT, TINY, run, run_well, stale
 from plain_robot import write_plain_robot
 
-from wearscope import tables
 from wearscope.errors import InputError
-from wearscope.named_files import NamedDataSet
+from wearscope.jobs.named_files import NamedDataSet
+from wearscope.storage import tables
 
 
 @pytest.mark.parametrize(
@@ -87,6 +87,7 @@ def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
     assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {
         "close_loop",
         "report_loop",
+        "show_loop",
         "closed_loop",
         "total",
     }

@@ -10,8 +10,8 @@ import pytest
 import yaml
 from session_machine import write_machine
 
-from wearscope import tables
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 pytestmark = pytest.mark.slow
 DAYS = [{"temperature": x} for x in (28.0, 42.0, 35.0)] + [{"temperature": 40.0}, {"wear": 0.2}]
@@ -49,6 +49,14 @@ def test_files_are_those_of_the_contract(tracked):
     (entry,) = [e for e in load_model(folder / "model_tracked.yaml").effects if e.effect == "wear"]
     assert entry.joint == "a" and entry.identified and set(entry.intervals) == {"eta7", "eta8", "eta9"}
     assert "Tracked: duo" in (folder / "report.html").read_text()
+    friction = table[(table["effect"] == "friction") & (table["joint"] == "a")].set_index("session")
+    assert friction.loc["s4", "change_low"] > 0 and friction.loc["s3", "change_high"] > 0
+
+
+def test_the_history_keeps_the_answer_of_the_target(tracked):
+    (line,) = (tracked[0] / "results" / "history.jsonl").read_text().splitlines()
+    told = json.loads(line)
+    assert (told["kind"], told["name"]) == ("tracking", "tracking/duo") and told["strip"]["answer"]
 
 
 def test_nothing_is_left_to_do(tracked):

@@ -6,7 +6,7 @@ rule archive:
 rule pack_archive:
     input:
         study=rules.report.input,
-        own=own_files(),
+        own=FILES.own_files(),
         code=lambda w: code("pack_archive"),
     output:
         f"results/archive/{STUDY.study}.tar",

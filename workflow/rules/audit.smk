@@ -1,5 +1,7 @@
 AUDIT_TABLES = [f"{R}/{name}.parquet" for name in ("audit", "audit_verdicts", "audit_answers")]
-AUDIT_PARTS = expand("{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=AUDITED)
+AUDIT_PARTS = expand(
+    "{R}/parts/audit_quantities/{robot}/{cycle}.parquet", R=R, robot=ROBOTS, cycle=PLAN.audited
+)
 
 
 rule audit:
@@ -63,7 +65,7 @@ checkpoint weigh_audit:
     input:
         points=f"{R}/design/audit.parquet",
         parts=AUDIT_PARTS,
-        asked=list(asked_of(STUDY.scope.model)(None).values()),
+        asked=list(PLAN.asked_of(STUDY.scope.model)(None).values()),
         direct=DIRECT_TABLES,
         scope=expand("{R}/parts/scope/{robot}.parquet", R=R, robot=ROBOTS),
         code=lambda w: code("weigh_audit"),
@@ -109,8 +111,8 @@ rule audit_surrogates:
     input:
         points=[f"{R}/design/audit.parquet", f"{R}/design/recheck.parquet"],
         parts=AUDIT_PARTS,
-        more=rechecked,
-        asked=list(asked_of(STUDY.scope.model)(None).values()),
+        more=lambda w: PLAN.rechecked(checkpoints.weigh_audit.get().output[0]),
+        asked=list(PLAN.asked_of(STUDY.scope.model)(None).values()),
         direct=DIRECT_TABLES,
         code=lambda w: code("audit_surrogates"),
     output:

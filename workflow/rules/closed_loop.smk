@@ -17,9 +17,10 @@ LOOP_OPTIONS = dict(
 )
 
 if STUDY.dataset is None:
-    LOOP_FOLDER = TWIN
+    LOOP_PAGE, LOOP_FOLDER, SHOWN_LOOP = TWIN, TWIN, []
 else:
-    LOOP_FOLDER = f"results/closed_loop/{DATASET.name}"
+    LOOP_PAGE = f"results/closed_loop/{DATASET.name}"
+    LOOP_FOLDER, SHOWN_LOOP = made_in(LOOP_PAGE), shown(LOOP_PAGE)
 LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
 
 
@@ -27,6 +28,7 @@ rule closed_loop:
     input:
         LOOP,
         f"{LOOP_FOLDER}/report.html",
+        SHOWN_LOOP,
 
 
 rule demonstration:
@@ -63,11 +65,11 @@ rule close_demonstration:
         dataset=rules.record_demonstration.output.dataset,
         urdf=rules.record_demonstration.output.urdf,
         runs=rules.record_demonstration.output.runs,
-        effects=own_effects(),
+        effects=FILES.own_effects(),
         code=lambda w: code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
-        drawn_files(TWIN),
+        PLAN.drawn_files(TWIN, "before", "after"),
     log:
         f"{R}/logs/close_demonstration.log",
     priority: 1
@@ -111,13 +113,13 @@ if STUDY.dataset is not None:
     rule close_loop:
         input:
             **DATASET_INPUTS,
-            effects=own_effects(),
+            effects=FILES.own_effects(),
             code=code("close_loop", *effect_files()),
         output:
             LOOP,
-            drawn_files(LOOP_FOLDER),
+            PLAN.drawn_files(LOOP_FOLDER, "before", "after"),
         log:
-            f"{LOOP_FOLDER}/close_loop.log",
+            f"{LOOP_PAGE}/close_loop.log",
         conda:
             ENV
         resources:
@@ -137,10 +139,29 @@ if STUDY.dataset is not None:
         output:
             f"{LOOP_FOLDER}/report.html",
         log:
-            f"{LOOP_FOLDER}/report_loop.log",
+            f"{LOOP_PAGE}/report_loop.log",
         conda:
             ENV
         message:
             "Report the loop closed on {STUDY.dataset}"
         script:
             "../scripts/report_loop.py"
+
+    rule show_loop:
+        input:
+            LOOP,
+            PLAN.drawn_files(LOOP_FOLDER, "before", "after"),
+            f"{LOOP_FOLDER}/report.html",
+            code=lambda w: code("show_answer"),
+        output:
+            SHOWN_LOOP,
+        log:
+            f"{LOOP_PAGE}/show_loop.log",
+        conda:
+            ENV
+        params:
+            folder=LOOP_PAGE,
+        message:
+            "Show the loop closed on {STUDY.dataset}"
+        script:
+            "../scripts/show_answer.py"

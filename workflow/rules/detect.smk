@@ -6,6 +6,7 @@ if STUDY.dataset is None:
 
 else:
     DETECTION = f"results/detection/{DATASET.name}"
+    DETECTION_MADE, SHOWN_DETECTION = made_in(DETECTION), shown(DETECTION)
     # The corrected model of the loop closed on the same data set, or the one that is named.
     DETECT_ROBOT = (
         [f"{LOOP_FOLDER}/model_after.yaml"] if STUDY.detect.model is None else robot_files(STUDY.detect.model)
@@ -13,7 +14,9 @@ else:
 
     rule detect:
         input:
-            f"{DETECTION}/report.html",
+            f"{DETECTION_MADE}/report.html",
+            SHOWN_DETECTION,
+            SHOWN_LOOP if STUDY.detect.model is None else [],
 
     rule judge_recordings:
         input:
@@ -21,10 +24,10 @@ else:
             robot=DETECT_ROBOT,
             code=lambda w: code("judge_recordings", *detector_files(), *effect_files()),
         output:
-            f"{DETECTION}/detection.parquet",
-            f"{DETECTION}/thresholds.parquet",
-            f"{DETECTION}/simulated.parquet",
-            f"{DETECTION}/detection.json",
+            f"{DETECTION_MADE}/detection.parquet",
+            f"{DETECTION_MADE}/thresholds.parquet",
+            f"{DETECTION_MADE}/simulated.parquet",
+            f"{DETECTION_MADE}/detection.json",
         log:
             f"{DETECTION}/judge_recordings.log",
         conda:
@@ -53,7 +56,7 @@ else:
             code=lambda w: code("report_detection"),
             style=REPORT_FILES,
         output:
-            f"{DETECTION}/report.html",
+            f"{DETECTION_MADE}/report.html",
         log:
             f"{DETECTION}/report_detection.log",
         conda:
@@ -62,3 +65,21 @@ else:
             "Report the detectors on the recordings of {STUDY.dataset}"
         script:
             "../scripts/report_detection.py"
+
+    rule show_detection:
+        input:
+            rules.judge_recordings.output,
+            rules.report_detection.output,
+            code=lambda w: code("show_answer"),
+        output:
+            SHOWN_DETECTION,
+        log:
+            f"{DETECTION}/show_detection.log",
+        conda:
+            ENV
+        params:
+            folder=DETECTION,
+        message:
+            "Show the detectors on the recordings of {STUDY.dataset}"
+        script:
+            "../scripts/show_answer.py"

@@ -1,9 +1,9 @@
 # One cell of each detector: the first robot, test-cycle and axis.
 DIRECT_ROBOT, DIRECT_CYCLE = next(iter(ROBOTS)), next(iter(CYCLES))
-DIRECT_TABLES = [f"{R}/direct.parquet"] if DIRECT else []
+DIRECT_TABLES = [f"{R}/direct.parquet"] if PLAN.compares_direct else []
 
 
-MISMATCH = DIRECT and bool(STUDY.direct.mismatch)
+MISMATCH = PLAN.compares_direct and bool(STUDY.direct.mismatch)
 MISMATCH_TABLES = [f"{R}/mismatch.parquet"] if MISMATCH else []
 
 

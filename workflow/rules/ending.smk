@@ -4,7 +4,7 @@ from wearscope.cli.ending import end_badly, end_well
 ANSWERED = {
     "all": f"{R}/report.html",
     "report": f"{R}/report.html",
-    "closed_loop": f"{LOOP_FOLDER}/report.html",
+    "closed_loop": f"{LOOP_PAGE}/report.html",
     "reevaluate": f"{RE}/report.html",
     **{
         target: f"results/{folder}/{DATASET.name}/report.html"
@@ -16,9 +16,9 @@ ANSWERED = {
 
 onsuccess:
     if STUDY.partitions.number is None:
-        asked = [ANSWERED[one] for one in ASKED_FOR or ["all"] if one in ANSWERED]
+        asked = [ANSWERED[one] for one in workflow.dag_settings.targets or ["all"] if one in ANSWERED]
         end_well(list(map(Path, asked)), time.monotonic() - STARTED, json.dumps(config))
 
 
 onerror:
-    end_badly(Path(log), list(ASKED_FOR))
+    end_badly(Path(log), list(workflow.dag_settings.targets))

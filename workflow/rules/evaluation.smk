@@ -37,7 +37,7 @@ rule compute_sensitivity:
 
 rule compute_snr:
     input:
-        unpack(asked_of(STUDY.snr.model)),
+        unpack(PLAN.asked_of(STUDY.snr.model)),
         # Replicates, which tell whether a robot's model has noise, belong to the filling design.
         noise=f"{R}/chosen_surrogates.parquet" if FILLED else [],
         # The paper's own model stands next to the chosen surrogate.
@@ -67,7 +67,7 @@ rule compute_snr:
 # Ahead of what else the surrogates allow, since the audit waits for it.
 rule compute_scope:
     input:
-        unpack(asked_of(STUDY.scope.model)),
+        unpack(PLAN.asked_of(STUDY.scope.model)),
         code=lambda w: code("compute_scope"),
     output:
         f"{R}/parts/scope/{{robot}}.parquet",
@@ -100,7 +100,7 @@ rule join_scope:
     conda:
         ENV
     resources:
-        **needs(1000, JOIN_MINUTES),
+        **needs(1000, PLAN.join_minutes),
     params:
         group_by=STUDY.scope.group_by,
     message:
@@ -112,7 +112,7 @@ rule join_scope:
 # The same questions as a reader may change them: other factors, other probabilities of false alarm.
 rule compute_responses:
     input:
-        unpack(asked_of(STUDY.scope.model)),
+        unpack(PLAN.asked_of(STUDY.scope.model)),
         test_quantities=f"{R}/test_quantities.parquet",
         code=lambda w: code("compute_responses"),
     output:
@@ -139,7 +139,7 @@ rule conclusion:
 
 rule draw_conclusion:
     input:
-        unpack(asked_of(STUDY.scope.model, whole)),
+        unpack(PLAN.asked_of(STUDY.scope.model, whole)),
         test_quantities=whole("test_quantities"),
         scope=whole("scope"),
         snr=f"{R}/snr.parquet",
@@ -155,7 +155,7 @@ rule draw_conclusion:
     conda:
         ENV
     resources:
-        **needs(1000, JOIN_MINUTES),
+        **needs(1000, PLAN.join_minutes),
     params:
         scope=config["scope"],
         factors=FACTORS,

@@ -19,6 +19,7 @@ else:
     rule export:
         input:
             f"{EXPORT}/export.json",
+            SHOWN_LOOP if STUDY.export.model is None else [],
 
     rule export_model:
         input:

@@ -31,13 +31,13 @@ if PARTITIONS:
             code=lambda w: code("draw_scopes"),
             style=REPORT_FILES,
         output:
-            **figure_files(SCOPE_FIGURES),
+            **PLAN.figure_files(PLAN.scope_figures, report),
         log:
             f"{R}/logs/draw_scopes.log",
         conda:
             ENV
         resources:
-            **needs(1000, JOIN_MINUTES),
+            **needs(1000, PLAN.join_minutes),
         params:
             factors=FACTORS,
             names=STUDY.scope.factors,
@@ -58,7 +58,7 @@ if PARTITIONS:
             failures=f"{R}/failures.parquet",
             failed_simulations=f"{R}/failed_simulations.parquet",
             answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
-            figures=[f"{R}/figures/{name}.svg" for name in FIGURES],
+            figures=[f"{R}/figures/{name}.svg" for name in PLAN.figures],
             robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
             code=lambda w: code("write_overview", *detector_files()),
             style=REPORT_FILES,

@@ -32,7 +32,7 @@ if PARTITIONS:
     rule run_partition:
         input:
             robots=lambda w: [file for one in PARTITIONS[w.part].robots for file in robot_files(one)],
-            code=lambda w: partition_code(),
+            code=lambda w: FILES.list_partition_code(),
             style=REPORT_FILES,
         output:
             expand("{R}/partitions/{{part}}/{table}.parquet", R=R, table=PARTITION_TABLES),

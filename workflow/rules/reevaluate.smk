@@ -11,7 +11,7 @@ else:
     PAIRS = {
         side: [
             f"{LOOP_FOLDER}/model_{side}.yaml",
-            *(f"{LOOP_FOLDER}/{drawn_path(side, k + 1)}" for k in range(STUDY.reevaluate.draws)),
+            *PLAN.drawn_files(LOOP_FOLDER, side),
         ]
         for side in ("before", "after")
     }
@@ -39,11 +39,12 @@ rule reevaluate:
     input:
         REEVALUATION,
         f"{RE}/report.html",
+        [] if GIVEN else SHOWN_LOOP,
 
 
 rule make_reevaluation:
     input:
-        models=reevaluated_models,
+        models=lambda w: FILES.reevaluated_models(RE_SOURCES.values(), LOOP_FOLDER),
         truth=rules.record_demonstration.output.truth if "truth" in RE_SIDES else [],
         code=lambda w: code("make_reevaluation", *effect_files(), *TWIN_EFFECTS, *cycle_files()),
     output:

@@ -7,17 +7,18 @@ TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.ro
 rule report:
     input:
         f"{R}/report.html",
-        [f"{R}/figures/{name}.svg" for name in FIGURES],
+        [f"{R}/figures/{name}.svg" for name in PLAN.figures],
         [f"{R}/{table}.parquet" for table in [*JOINED_TABLES, "scope", "test_quantities"]]
         if PARTITIONS
         else f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
-        [*REEVALUATION, f"{RE}/report.html"] if REEVALUATED else [],
+        [*REEVALUATION, f"{RE}/report.html"] if PLAN.reevaluates else [],
+        SHOWN_LOOP,
 
 
 rule figures:
     input:
-        expand(f"{R}/figures/{{name}}.{{kind}}", name=FIGURES, kind=["svg", "png"]),
+        expand(f"{R}/figures/{{name}}.{{kind}}", name=PLAN.figures, kind=["svg", "png"]),
 
 
 rule describe_robots:
@@ -57,7 +58,7 @@ rule draw_findings:
         code=lambda w: code("draw_findings"),
         style=REPORT_FILES,
     output:
-        **figure_files(PLAN.finding_figures),
+        **PLAN.figure_files(PLAN.finding_figures, report),
     log:
         f"{R}/logs/draw_findings.log",
     conda:
@@ -116,7 +117,7 @@ rule write_report:
         screening=SCREENINGS,
         audit=AUDIT_TABLES if STUDY.audit.enabled else [],
         chosen=ASKED[1] if FILLED else [],
-        direct=DIRECT_TABLES[0] if DIRECT else [],
+        direct=DIRECT_TABLES[0] if PLAN.compares_direct else [],
         mismatch=MISMATCH_TABLES[0] if MISMATCH else [],
         conclusion=f"{R}/conclusion.json",
         thresholds=f"{R}/thresholds.parquet",
@@ -131,8 +132,8 @@ rule write_report:
             *(LOOP[:1] if STUDY.dataset is not None else []),
         ],
         truth=rules.record_demonstration.output.truth if TELLS_DEMONSTRATION else [],
-        reevaluation=REEVALUATION if REEVALUATED else [],
-        after=f"{RE}/models/after.yaml" if REEVALUATED else [],
+        reevaluation=REEVALUATION if PLAN.reevaluates else [],
+        after=f"{RE}/models/after.yaml" if PLAN.reevaluates else [],
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=lambda w: code("write_report", *detector_files()),
         style=REPORT_FILES,

@@ -1,7 +1,7 @@
 import json
 
-from wearscope.checksums import SETTINGS
-from wearscope.files import write_text
+from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.files import write_text
 
 
 # While jobs wait, Snakemake looks through all of them again a timespan after each look, so that a limit of starts a

@@ -156,7 +156,7 @@ rule simulate_points:
         ),
     output:
         marker=f"{R}/traces/{{robot}}/{{cycle}}/{{set}}/_chunk-{{chunk}}.json",
-        recordings=recordings_of(["{set}"], "{chunk}"),
+        recordings=(temp if DROPPED else list)(PLAN.recordings_of(["{set}"], "{chunk}")),
     log:
         f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/{{set}}-{{chunk}}.log",
     wildcard_constraints:
@@ -201,7 +201,7 @@ if AT_ONCE:
             ),
         output:
             marker=[f"{R}/traces/{{robot}}/{{cycle}}/{set}/_chunk-0.json" for set in AT_ONCE],
-            recordings=recordings_of(AT_ONCE),
+            recordings=(temp if DROPPED else list)(PLAN.recordings_of(AT_ONCE)),
         log:
             f"{R}/logs/simulate_points/{{robot}}/{{cycle}}/study.log",
         message:

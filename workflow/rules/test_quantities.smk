@@ -86,7 +86,7 @@ rule join_test_quantities:
     conda:
         ENV
     resources:
-        **needs(1000, JOIN_MINUTES),
+        **needs(1000, PLAN.join_minutes),
     message:
         "Join the test quantities, count failures"
     script:

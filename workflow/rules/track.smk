@@ -1,8 +1,11 @@
+from wearscope.tracking.session_names import name_sessions
+
 # What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
 # on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
-if STUDY.dataset is not None:
-    TRACKED = name_sessions(STUDY.dataset)
-    TRACK_FOLDER = f"results/tracking/{DATASET.name}"
+TRACKED = name_sessions(STUDY.dataset) if DATASET else None
+TRACK_FOLDER = f"results/tracking/{DATASET.name}" if DATASET else ""
+TRACK_MADE, SHOWN_TRACK = (made_in(TRACK_FOLDER), shown(TRACK_FOLDER)) if DATASET else ("", [])
+if TRACKED:
     TRACK_LEVEL = STUDY.tracking.false_alarm_rate
     TRACK_EFFECTS = {name: LOOP_OPTIONS[name] for name in ("installed", "effects", "allow_code")}
 
@@ -10,7 +13,7 @@ if STUDY.dataset is not None:
         input:
             dataset=ancient(DATASET_INPUTS["dataset"]),
             files=here(DATASET.list_session_files(TRACKED.reference)),
-            effects=own_effects(),
+            effects=FILES.own_effects(),
             code=lambda w: code("identify_healthy", *effect_files()),
         output:
             f"{TRACK_FOLDER}/reference.npz",
@@ -61,10 +64,10 @@ if STUDY.dataset is not None:
             sessions=expand(rules.assess_session.output, session=list(TRACKED.named)),
             code=lambda w: code("join_sessions", *effect_files()),
         output:
-            f"{TRACK_FOLDER}/tracking.json",
-            f"{TRACK_FOLDER}/changes.parquet",
-            f"{TRACK_FOLDER}/model_tracked.yaml",
-            f"{TRACK_FOLDER}/model_tracked.urdf",
+            f"{TRACK_MADE}/tracking.json",
+            f"{TRACK_MADE}/changes.parquet",
+            f"{TRACK_MADE}/model_tracked.yaml",
+            f"{TRACK_MADE}/model_tracked.urdf",
         log:
             f"{TRACK_FOLDER}/join_sessions.log",
         conda:
@@ -83,7 +86,7 @@ if STUDY.dataset is not None:
             code=lambda w: code("report_tracking"),
             style=REPORT_FILES,
         output:
-            f"{TRACK_FOLDER}/report.html",
+            f"{TRACK_MADE}/report.html",
         log:
             f"{TRACK_FOLDER}/report_tracking.log",
         conda:
@@ -93,7 +96,25 @@ if STUDY.dataset is not None:
         script:
             "../scripts/report_tracking.py"
 
+    rule show_tracking:
+        input:
+            rules.join_sessions.output,
+            rules.report_tracking.output,
+            code=lambda w: code("show_answer"),
+        output:
+            SHOWN_TRACK,
+        log:
+            f"{TRACK_FOLDER}/show_tracking.log",
+        conda:
+            ENV
+        params:
+            folder=TRACK_FOLDER,
+        message:
+            "Show what changed since the machine was healthy"
+        script:
+            "../scripts/show_answer.py"
+
 
 rule track:
     input:
-        lambda wildcards: tracked_files(),
+        lambda wildcards: [*list_tracked(TRACKED, TRACK_MADE), *SHOWN_TRACK],

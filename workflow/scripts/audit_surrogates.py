@@ -3,7 +3,7 @@
 from auditing import weigh
 
 from job import run_job
-from wearscope import tables
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     given, out = snakemake.input, snakemake.output

@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from wearscope import tables
 from wearscope.evaluation.audit import AUDIT, RECHECK, audit_table, audit_verdicts
 from wearscope.evaluation.evidence import weigh_evidence
+from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen
 
 

@@ -5,10 +5,10 @@ from functools import partial
 from pathlib import Path
 
 from job import run_job
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
+from wearscope.storage import tables
 from wearscope.supervision import call_supervised
 
 

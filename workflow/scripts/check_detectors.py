@@ -4,10 +4,10 @@ import json
 from functools import partial
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import load_detector
 from wearscope.detectors.varied import find_options, set_option
+from wearscope.storage import tables
 from wearscope.supervision import call_supervised
 
 

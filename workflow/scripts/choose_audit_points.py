@@ -3,9 +3,9 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.audit import choose_audit_points, scope_boundary
+from wearscope.storage import tables
 
 with run_job(snakemake):
     params = snakemake.params

@@ -3,8 +3,8 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.storage import tables
 from wearscope.surrogates.chosen import choose_surrogates
 
 with run_job(snakemake) as say:

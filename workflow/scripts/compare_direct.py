@@ -1,8 +1,8 @@
 """SNR by direct simulation next to the chosen surrogates'."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.evaluation.direct import direct_table
+from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen, read_noise
 
 with run_job(snakemake) as say:

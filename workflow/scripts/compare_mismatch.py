@@ -1,8 +1,8 @@
 """SNR where the robot differs from its model, next to that where it does not."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.evaluation.direct import mismatch_table
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     given = snakemake.input

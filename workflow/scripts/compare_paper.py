@@ -1,11 +1,11 @@
 """What the paper found, next to what this study found."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.findings import compare_with_paper, findings_table
 from wearscope.reporting.study import Study
+from wearscope.storage import tables
 
 TABLES = (
     "surrogates", "validation", "sensitivity", "ranking", "scope", "failures", "checks",

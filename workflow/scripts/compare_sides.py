@@ -6,10 +6,10 @@ from pathlib import Path
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
 from wearscope.evaluation.sides import Questions, answer_side, share_surrogates
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     params, given, out = snakemake.params, snakemake.input, snakemake.output

@@ -3,10 +3,10 @@
 import numpy as np
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.evaluation.detection import FALSE_ALARMS, detection_table, pick_levels
 from wearscope.evaluation.responses import response_table, simulated_table
+from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_cells
 
 with run_job(snakemake) as say:

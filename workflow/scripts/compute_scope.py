@@ -3,10 +3,10 @@
 import numpy as np
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.evaluation.sampled_scope import sampled_scope_table
 from wearscope.evaluation.scope import scope_table
+from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen
 
 with run_job(snakemake) as say:

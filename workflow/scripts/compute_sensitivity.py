@@ -2,9 +2,8 @@
 
 from job import run_job
 from screening import read_screening
-from wearscope import tables
-from wearscope.evaluation.sensitivity import sensitivity_of
-from wearscope.simulation.idle import drop_idle
+from wearscope.evaluation.sensitivity import drop_idle, sensitivity_of
+from wearscope.storage import tables
 
 COLUMNS = ["robot", "cycle", "axis", "fda", "model", "term", "theta_normalised"]
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 from job import run_job
 from quantities import quantify
-from wearscope import tables
 from wearscope.designs.factors import Factor
-from wearscope.detectors.chunks import join_test_quantities
+from wearscope.detectors.run import join_test_quantities
 from wearscope.robots.model import load_model
 from wearscope.simulation.failures import check_failures, failure_table, read_markers
 from wearscope.simulation.packed import PackedRecordings
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     given, params, w = snakemake.input, snakemake.params, snakemake.wildcards

@@ -3,10 +3,10 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 with run_job(snakemake):
     params = snakemake.params

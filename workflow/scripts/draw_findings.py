@@ -2,13 +2,13 @@
 
 from job import run_job
 from screening import read_screening
-from wearscope import tables
 from wearscope.designs.factors import Factor
+from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr
 from wearscope.reporting.figures.scope import draw_scope
 from wearscope.reporting.style import save_figure
-from wearscope.simulation.idle import drop_idle
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     params, given, out = snakemake.params, snakemake.input, snakemake.output

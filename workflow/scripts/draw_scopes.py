@@ -1,11 +1,11 @@
 """The paper's Fig. 4 of a divided study, from counts that add over its partitions."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
-from wearscope.evaluation.scope_counts import add_counts, count_scope
+from wearscope.evaluation.scope import add_counts, count_scope
 from wearscope.reporting.figures.scope import draw_scope_counts
 from wearscope.reporting.style import save_figure
+from wearscope.storage import tables
 
 COLUMNS = [
     "robot", "cycle", "axis", "fda", "factor", "delta", "sigma", "passes", "method", "confidence",

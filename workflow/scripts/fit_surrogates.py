@@ -1,7 +1,7 @@
 """Surrogates of every cell."""
 
 from job import run_job
-from wearscope import tables
+from wearscope.storage import tables
 from wearscope.surrogates.fitting import fit_surrogates
 
 with run_job(snakemake):

@@ -11,10 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from wearscope.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
 from wearscope.errors import InputError
-from wearscope.files import FULL, DamagedFile, explain_unwritten, open_new, written
 from wearscope.processes import MAIN, end_with, ignore_settings_here, leave_with
+from wearscope.storage.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
+from wearscope.storage.files import FULL, DamagedFile, explain_unwritten, open_new, written
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
 # the interpreter ends, takes a fifth of a short job's time.
@@ -47,48 +47,71 @@ def run_job(snakemake: Any) -> Iterator[Say]:
         print(f"{name}: {text}", file=sys.stderr, flush=True)
         note(f"[{time.monotonic() - start:6.1f} s] {text}")
 
-    try:
-        open_new(snakemake.log[0]).close()
-        for file in map(str, getattr(snakemake, "input", [])):
-            if folder := study_folder(file):
-                check_file(folder, file)
-        yield say
-        outputs = list(map(str, getattr(snakemake, "output", [])))
-        for file in outputs:
-            if folder := study_folder(file):
-                record_checksums(folder, [file])
-        for path in sorted(written - {Path(file) for file in outputs}) if outputs else []:
-            folder = study_folder(path)
-            kept_elsewhere = CHECKSUMS in path.parts or path.name == RECORDING
-            if folder and folder == study_folder(outputs[0]) and not kept_elsewhere and path.is_file():
-                record_checksums(folder, [path], outputs[0])
-    except DamagedFile as error:
-        if study_folder(error.path):
-            withdraw(error.path)
-            what = str(error).rpartition(";")[0]
-            say(f"{what}; it was set aside, run the same command again to make it anew.")
-        else:
+    with refuse_once(Path(snakemake.log[0])):
+        try:
+            open_new(snakemake.log[0]).close()
+            for file in map(str, getattr(snakemake, "input", [])):
+                if folder := study_folder(file):
+                    check_file(folder, file)
+            yield say
+            outputs = list(map(str, getattr(snakemake, "output", [])))
+            for file in outputs:
+                if folder := study_folder(file):
+                    record_checksums(folder, [file])
+            for path in sorted(written - {Path(file) for file in outputs}) if outputs else []:
+                folder = study_folder(path)
+                kept_elsewhere = CHECKSUMS in path.parts or path.name == RECORDING
+                if folder and folder == study_folder(outputs[0]) and not kept_elsewhere and path.is_file():
+                    record_checksums(folder, [path], outputs[0])
+        except DamagedFile as error:
+            if study_folder(error.path):
+                withdraw(error.path)
+                what = str(error).rpartition(";")[0]
+                say(f"{what}; it was set aside, run the same command again to make it anew.")
+            else:
+                say(str(error))
+            sys.exit(1)
+        except InputError as error:
             say(str(error))
-        sys.exit(1)
-    except InputError as error:
-        say(str(error))
-        sys.exit(1)
-    except OSError as error:
-        if error.errno not in FULL:
+            sys.exit(1)
+        except OSError as error:
+            if error.errno not in FULL:
+                note(traceback.format_exc())
+                raise
+            place = error.filename or [*getattr(snakemake, "output", []), snakemake.log[0]][0]
+            say(str(explain_unwritten(place, error)))
+            sys.exit(1)
+        except Exception:
             note(traceback.format_exc())
             raise
-        place = error.filename or [*getattr(snakemake, "output", []), snakemake.log[0]][0]
-        say(str(explain_unwritten(place, error)))
-        sys.exit(1)
-    except Exception:
-        note(traceback.format_exc())
-        raise
     note(f"[{time.monotonic() - start:6.1f} s] done")
     if getattr(snakemake, "output", True):  # a job without output has others do its work, which say theirs
         record_costs(Path(snakemake.log[0]), time.monotonic() - start)
     gc.freeze()
     if type(snakemake).__name__ == "Snakemake":
         leave_with(0)
+
+
+@contextmanager
+def refuse_once(log: Path) -> Iterator[None]:
+    """Keep what a job says as it fails: tried again in the same run, it says that at once.
+
+    Snakemake tries each failed job again, which helps one that was killed.
+    """
+    kept, main = log.with_name(f".{log.name}.refused"), os.environ.get(MAIN, "")
+    by, _, told = kept.read_text(encoding="utf-8").partition("\n") if kept.is_file() else ("", "", "")
+    kept.unlink(missing_ok=True)
+    if main and by == main:
+        with open_new(log) as file:
+            file.write(told)
+        print(told.rstrip().rpartition("\n")[2], file=sys.stderr, flush=True)
+        sys.exit(1)
+    try:
+        yield
+    except (Exception, SystemExit):
+        with suppress(OSError):
+            kept.write_text(f"{main}\n{log.read_text(encoding='utf-8')}", encoding="utf-8")
+        raise
 
 
 def record_costs(log: Path, seconds: float) -> Path:
@@ -112,8 +135,8 @@ def record_costs(log: Path, seconds: float) -> Path:
 
 
 def clear_answer(folder: Path) -> None:
-    """Remove the page and tables of the answer that a job makes anew: what it leaves is of one run alone."""
-    for old in (folder / "report.html", *folder.glob("*.parquet")):
+    """Remove what an answer has that a job makes anew: what it leaves is of one run alone."""
+    for old in (folder / "report.html", *folder.glob("*.parquet"), *folder.glob("next_measurement_*")):
         old.unlink(missing_ok=True)
 
 

@@ -3,9 +3,9 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.evaluation.audit import audit_verdicts
 from wearscope.evaluation.evidence import weigh_evidence
+from wearscope.storage import tables
 
 with run_job(snakemake):
     out = snakemake.output

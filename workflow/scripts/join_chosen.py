@@ -3,7 +3,7 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     parts = [tables.read_table(part) for part in snakemake.input.parts]

@@ -1,7 +1,7 @@
 """A table by cell of a divided study: the rows of each robot in turn, sorted by its name."""
 
 from job import run_job
-from wearscope import tables
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     names = sorted(snakemake.params.robots)

@@ -2,9 +2,9 @@
 
 from job import run_job
 from screening import read_screening
-from wearscope import tables
 from wearscope.evaluation.scope import add_group_scopes, group_scope
-from wearscope.simulation.idle import drop_idle
+from wearscope.evaluation.sensitivity import drop_idle
+from wearscope.storage import tables
 
 with run_job(snakemake):
     screening = read_screening(snakemake.input.screening)

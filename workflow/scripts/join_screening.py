@@ -2,7 +2,7 @@
 
 from job import run_job
 from screening import read_screening
-from wearscope import tables
+from wearscope.storage import tables
 
 with run_job(snakemake):
     tables.write_table(snakemake.output[0], read_screening(snakemake.input.screening))

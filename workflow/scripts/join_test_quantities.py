@@ -3,8 +3,8 @@
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.detectors.run import count_failures
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     given, made = snakemake.input, snakemake.output

@@ -1,6 +1,6 @@
 """What a page says of the code that made it, as several scripts tell it."""
 
-from wearscope.provenance import describe_provenance, list_platform_files
+from wearscope.storage.provenance import describe_provenance, list_platform_files
 
 
 def tell_provenance():

@@ -1,9 +1,9 @@
 """Runs that ask the simulator itself for an SNR."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.direct import direct_design
+from wearscope.storage import tables
 
 with run_job(snakemake):
     params = snakemake.params

@@ -1,8 +1,8 @@
 """Runs that ask for an SNR where the robot differs from its model."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.evaluation.direct import mismatch_design
+from wearscope.storage import tables
 
 with run_job(snakemake):
     given, params, out = snakemake.input, snakemake.params, snakemake.output

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.conclusion import read_conclusion
 from wearscope.evaluation.overview import overview_table
 from wearscope.evaluation.snr import answer_rows
+from wearscope.storage import tables
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params

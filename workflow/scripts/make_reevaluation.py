@@ -6,7 +6,6 @@ from pathlib import Path
 import pandas as pd
 
 from job import run_job
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.demonstration.simulated_twin.model import make_true_model
 from wearscope.designs.factors import Factor
@@ -17,6 +16,7 @@ from wearscope.robots.carry_over import carry_over
 from wearscope.robots.model import load_model, save_model
 from wearscope.simulation.feasibility import check_cycle, check_robot
 from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.storage import tables
 
 
 def prepare(name, model):

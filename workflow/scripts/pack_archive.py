@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from job import run_job
-from wearscope.archive import list_results, pack_study
+from wearscope.archive.comparison import list_results
+from wearscope.archive.packing import pack_study
 from wearscope.integrity import find_damage
-from wearscope.provenance import list_platform_files
+from wearscope.storage.provenance import list_platform_files
 
 with run_job(snakemake) as say:
     folder = Path(snakemake.input.study[0]).parent

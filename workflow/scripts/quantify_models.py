@@ -8,10 +8,10 @@ import pandas as pd
 
 from job import run_job
 from quantities import quantify
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     params, given, side = snakemake.params, snakemake.input, snakemake.wildcards.side

@@ -4,7 +4,7 @@ from job import count_progress
 from wearscope.detectors.base import Batch
 from wearscope.detectors.run import DetectorSpec, compute_test_quantities
 from wearscope.simulation.failures import check_failures, failure_table
-from wearscope.simulation.traces import read_points
+from wearscope.simulation.packed import read_points
 
 
 def quantify(

@@ -1,10 +1,10 @@
 """How the detectors compare (Q-2), from the SNR of every cell."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.snr import answer_rows
+from wearscope.storage import tables
 
 with run_job(snakemake):
     params = snakemake.params

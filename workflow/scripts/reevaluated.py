@@ -2,11 +2,11 @@
 
 import yaml
 
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.certain_changes import Reevaluation
 from wearscope.reporting.labels import detector_name, factor_name
+from wearscope.storage import tables
 
 
 def read_reevaluation(files, model, factors, detectors):

@@ -2,8 +2,8 @@
 
 from job import run_job
 from reevaluated import read_reevaluation
-from wearscope import tables
 from wearscope.reporting.reevaluation_page import render_reevaluation
+from wearscope.storage import tables
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params

@@ -10,8 +10,8 @@ import yaml
 
 from job import run_job
 from wearscope.errors import InputError
-from wearscope.files import write_text, write_whole
 from wearscope.processes import PYTHON, STARTER, identify_process
+from wearscope.storage.files import write_text, write_whole
 
 with run_job(snakemake) as say:
     params, log = snakemake.params, Path(snakemake.log[0])

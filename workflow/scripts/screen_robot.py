@@ -1,11 +1,11 @@
 """Refuses, or drops, factors that move no torque of a robot."""
 
 from job import run_job
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.feasibility import check_robot
 from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.storage import tables
 from wearscope.supervision import call_supervised
 
 

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from wearscope import tables
+from wearscope.storage import tables
 
 
 def read_screening(files):

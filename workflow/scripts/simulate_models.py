@@ -6,11 +6,11 @@ from pathlib import Path
 
 from job import run_job
 from simulating import digest_inputs, simulate
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation.chunk import Plan
+from wearscope.storage import tables
 
 
 def simulate_model(name, sets):

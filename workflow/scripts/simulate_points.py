@@ -6,11 +6,11 @@ from pathlib import Path
 
 from job import run_job
 from simulating import digest_inputs, simulate
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.chunk import Plan
 from wearscope.simulation.packed import pack_recordings, remove_recordings
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     params, w = snakemake.params, snakemake.wildcards

@@ -1,7 +1,7 @@
 """Fit (6) of every surrogate on the validation runs, and its diagnostics."""
 
 from job import run_job
-from wearscope import tables
+from wearscope.storage import tables
 from wearscope.surrogates.validation import validate_surrogates
 
 with run_job(snakemake):

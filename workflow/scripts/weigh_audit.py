@@ -4,9 +4,9 @@ import pandas as pd
 from auditing import weigh
 
 from job import run_job
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.audit import choose_more_points
+from wearscope.storage import tables
 
 with run_job(snakemake) as say:
     given, params = snakemake.input, snakemake.params

@@ -7,7 +7,6 @@ import pandas as pd
 
 from job import run_job
 from made import tell_provenance
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
@@ -16,6 +15,7 @@ from wearscope.plugins import load
 from wearscope.reporting.overview_page import render_overview
 from wearscope.reporting.study import Study
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
 #: Tables by cell: the partitions' reports tell of them.

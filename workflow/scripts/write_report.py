@@ -7,7 +7,6 @@ from job import run_job
 from made import tell_provenance
 from reevaluated import read_reevaluation
 from screening import read_screening
-from wearscope import tables
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import name_unit
 from wearscope.evaluation.conclusion import read_conclusion
@@ -17,6 +16,7 @@ from wearscope.reporting.findings import read_findings
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
+from wearscope.storage import tables
 
 TABLES = (
     "surrogates", "validation", "sensitivity", "ranking", "scope", "failures",

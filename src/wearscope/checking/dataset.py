@@ -20,8 +20,8 @@ from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.posing import find_prismatic, load_named_effects
 from wearscope.errors import InputError
-from wearscope.tracking.checks import check_sessions
 from wearscope.tracking.session_names import read_sessions
+from wearscope.tracking.sessions import check_sessions
 
 
 @keep_to_one_thread

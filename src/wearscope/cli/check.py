@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from wearscope import limits
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 
@@ -85,7 +85,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
 
     place = find_study(thing)
     settings = read_yaml(place.config)
-    check_code_named(place, settings, allow_code, computes=False)
+    check_code_named(place, settings, allow_code)
     return check_study(settings, f"study {place.config}", place.folder)
 
 

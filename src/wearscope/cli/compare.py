@@ -1,19 +1,25 @@
 """Two results side by side."""
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.cli.show import find_results, print_table
 from wearscope.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wearscope.archives.comparison import Content
+    from wearscope.archive.comparison import Content
+
+#: Conclusions that are told in sentences.
+_TOLD = 5
+#: What a conclusion is of, by the table that has it.
+_TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
 
 
 @click.command()
@@ -25,35 +31,24 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Every setting, version and file, the same ones too.",
 )
-@click.option("--page", type=click.Path(path_type=Path), help="Write a page of both to this file, too.")
-@click.option("--open", "opened", is_flag=True, help="Open it in the browser.")
-def compare(a, b, everything, page, opened):  # type: ignore[no-untyped-def]
+def compare(a, b, everything):  # type: ignore[no-untyped-def]
     """Say how A and B differ: two studies, folders of results, archives, or two loops.
 
     \b
     Examples:
       wearscope compare results/quick results/paper
-      wearscope compare my-study your-study --page both.html --open
+      wearscope compare my-study your-study --all
       wearscope compare before.tar after.tar
       wearscope compare results/closed_loop/arm-may results/closed_loop/arm-june
     """
     left, right = (_find(one) for one in (a, b))
     loops = [(one / "verdict.json").is_file() for one in (left, right)]
-    if opened and page is None:
-        raise InputError("--open: there is no page to open; say where it goes with --page FILE.")
     if all(loops):
-        html = _compare_loops(left, right)
+        _compare_loops(left, right)
     elif any(loops):
         raise InputError(f"{a} and {b}: one is a loop and the other a study; compare two of a kind.")
     else:
-        html = _compare_studies(left, right, everything)
-    if page is not None:
-        from wearscope import tables
-
-        tables.write_text(page, html())
-        say(page)
-        if opened:
-            click.launch(str(page))
+        _compare_studies(left, right, everything)
 
 
 def _name(left: Path, right: Path) -> tuple[str, str]:
@@ -73,14 +68,14 @@ def _find(place: str) -> Path:
     return path if path.is_file() and path.suffix == ".tar" else find_results(place)
 
 
-def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], str]:
-    """Show what differs; return what writes a page of it."""
-    from wearscope.archives.comparison import Content, compare_contents
+def _compare_studies(left: Path, right: Path, everything: bool) -> None:
+    """Show what differs."""
+    from wearscope.archive.comparison import Content, compare_contents
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import detector_name
 
     sides = Content(left), Content(right)
-    found = differences = compare_contents(*sides, detector_name)
+    differences = compare_contents(*sides, detector_name)
     if not everything:
         same = differences["outcome"].isin(["same bytes", "same values"])
         differences = differences[~same]
@@ -90,24 +85,18 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> Callable[[], 
         for one in rankings
     ]
     names = _name(left, right)
-    from wearscope.reporting.differences_page import render_study_differences, tell_answers, tell_studies
     from wearscope.reporting.page_strip import parse_strip
 
     pages = [side.read("report.html") if "report.html" in side.digests else b"" for side in sides]
     strips = [parse_strip(page.decode("utf-8", "replace")) for page in pages]
     answers = (strips[0].answer if strips[0] else "", strips[1].answer if strips[1] else "")
-    _say([*tell_answers(names, answers), *tell_studies(names, (rankings[0], rankings[1]), differences)])
+    _say([*_tell_answers(names, answers), *_tell_studies(names, (rankings[0], rankings[1]), differences)])
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
     if everything:
         rows = [[format_value(value) for value in row] for row in differences.itertuples(index=False)]
         print_table(list(differences.columns), rows)
-
-    def write() -> str:
-        return render_study_differences(names, (rankings[0], rankings[1]), found, answers)
-
-    return write
 
 
 def _read_ranking(side: "Content") -> "pd.DataFrame":
@@ -128,12 +117,11 @@ def _read_ranking(side: "Content") -> "pd.DataFrame":
     return table.assign(fda=[side.name_detector(code, detector_name) for code in codes])
 
 
-def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
-    """Show both joint by joint; return what writes a page of it."""
+def _compare_loops(left: Path, right: Path) -> None:
+    """Show both joint by joint."""
     from wearscope.cli.tables import format_value
-    from wearscope.reporting.differences_page import render_loop_differences, tell_loops
     from wearscope.reporting.labels import effect_name
-    from wearscope.verdicts import read_verdict
+    from wearscope.storage.verdicts import read_verdict
 
     verdicts = [read_verdict(one / "verdict.json") for one in (left, right)]
     joints = list(dict.fromkeys(name for verdict in verdicts for name in verdict["joints"]))
@@ -145,7 +133,7 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
         {joint: [one["effect"] for one in verdict["verdict"] if one["joint"] == joint] for joint in joints}
         for verdict in verdicts
     ]
-    _say(tell_loops(names, named_by[0], named_by[1]))
+    _say(_tell_loops(names, named_by[0], named_by[1]))
     rows = []
     for joint in joints:
         row = [joint]
@@ -156,7 +144,66 @@ def _compare_loops(left: Path, right: Path) -> Callable[[], str]:
         rows.append(row)
     print_table(headers, rows)
 
-    def write() -> str:
-        return render_loop_differences(names, (verdicts[0], verdicts[1]))
 
-    return write
+def _name_item(item: str) -> str:
+    """What a conclusion is of, in words."""
+    from wearscope.reporting.labels import upper_first, words
+
+    table, _, rest = item.partition(": ")
+    rest = re.sub(r"^Q-\d, ", "", words(rest)).rstrip(".")
+    return f"{_TABLES.get(table, upper_first(words(table)))}: {rest}"
+
+
+def _tell_answers(names: tuple[str, str], answers: tuple[str, str]) -> list[str]:
+    """What both pages answer, in sentences; [] where one has no answer."""
+    if not all(answers):
+        return []
+    if answers[0] == answers[1]:
+        return [f"Both answer: {answers[0]}"]
+    told = [f"{name}: {answer}" for name, answer in zip(names, answers, strict=True)]
+    return ["The answers differ.", *told]
+
+
+def _tell_studies(
+    names: tuple[str, str], rankings: tuple["pd.DataFrame", "pd.DataFrame"], differences: "pd.DataFrame"
+) -> list[str]:
+    """What differs between two studies, in sentences, conclusions first."""
+    from wearscope.reporting.labels import count_text, join_words, words
+
+    best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
+    pairs = [(one, name) for one, name in zip(best, names, strict=True) if one]
+    if len(pairs) == 2 and best[0] == best[1]:
+        pairs = [(str(best[0]), "both")]
+    told = [f"{one} has the highest median SNR in {name}." for one, name in pairs]
+    concluded = differences[differences["what"] == "conclusion"]
+    changed = concluded[concluded["outcome"] == "differs"]
+    told += [f"{_name_item(row.item)}: {words(row.detail)}." for row in changed.head(_TOLD).itertuples()]
+    if len(changed) > _TOLD:
+        more = len(changed) - _TOLD
+        told.append(f"{count_text(more, 'more conclusion')} differ{'s' if more == 1 else ''}.")
+    for name, outcome in zip(names, ("only in a", "only in b"), strict=True):
+        if count := int((concluded["outcome"] == outcome).sum()):
+            told.append(f"{count_text(count, 'conclusion')} in {name} only.")
+    kinds = ("conclusion", "setting", "version", "table", "file")
+    counts = [count_text(n, kind) for kind in kinds if (n := int((differences["what"] == kind).sum()))]
+    verb = "differs" if len(differences) == 1 else "differ"
+    return [*told, f"{join_words(counts)} {verb}." if counts else "Nothing differs."]
+
+
+def _tell_loops(
+    names: tuple[str, str], left: Mapping[str, list[str]], right: Mapping[str, list[str]]
+) -> list[str]:
+    """What two verdicts name differently, a sentence for the joints with the same difference."""
+    from wearscope.reporting.labels import effect_name, join_words
+
+    found: dict[str, list[str]] = {}
+    for joint in dict.fromkeys([*left, *right]):
+        only = [
+            f"{join_words([*map(effect_name, gone)])} in {name} only"
+            for name, one, other in zip(names, (left, right), (right, left), strict=True)
+            if (gone := sorted(set(one.get(joint, [])) - set(other.get(joint, []))))
+        ]
+        if only:
+            found.setdefault(join_words(only), []).append(joint)
+    told = [f"{join_words(joints)}: {only}." for only, joints in found.items()]
+    return told or ["Both name the same effects at every joint."]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 
 
 @click.command()
@@ -25,7 +25,7 @@ def demo(out, opened):  # type: ignore[no-untyped-def]
     """
     from wearscope.cli.ending import show_result
     from wearscope.closed_loop.run import close_loop
-    from wearscope.example import example_dataset
+    from wearscope.home import example_dataset
     from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
     say("Comparing four recordings of an arm with its model ...", err=True)

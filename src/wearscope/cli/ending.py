@@ -6,11 +6,10 @@ from pathlib import Path
 
 import click
 
-from wearscope.checksums import check_answer
-from wearscope.cli.progress import format_seconds
-from wearscope.cli.say import say
+from wearscope.cli.progress import format_seconds, say
 from wearscope.cli.workflow import Progress, explain_failure
-from wearscope.files import DamagedFile
+from wearscope.storage.files import DamagedFile
+from wearscope.storage.shown import check_answer
 
 
 def shorten(path: Path) -> str:

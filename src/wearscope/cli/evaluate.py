@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 
 if TYPE_CHECKING:
-    from wearscope.model_errors import ModelErrors
+    from wearscope.notebook.model_errors import ModelErrors
 
 
 @click.command()
@@ -31,8 +31,7 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
     """
     from wearscope.cli.show import print_table
     from wearscope.cli.tables import format_value
-    from wearscope.model_errors import evaluate_model
-    from wearscope.reporting.page import interval_text
+    from wearscope.notebook.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
     errors = evaluate_model(
@@ -41,21 +40,40 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
         lambda line: say(line, err=True),
         float("nan") if temperature is None else temperature,
     )
-    torque, rollouts = errors.torque, errors.rollouts
-    columns = ["run", "use", "joint", "torque_rms", "error_rms", "unit", "error_percent", "outcome"]
-    print_table(columns, [[format_value(x) for x in row] for row in torque[columns].itertuples(index=False)])
-    ends = [rollouts[f"error_median{end}"] for end in ("", "_low", "_high")]
-    told = [interval_text(*one) for one in zip(*ends, strict=True)]
-    columns = ["run", "joint", "seconds", "count", "failed", "moved_median", "told", "unit"]
-    rolled = rollouts.assign(told=told)[columns].itertuples(index=False)
-    headers = ["run", "joint", "after [s]", "rollouts", "failed", "moved (median)", "error (median, 95 %)"]
-    print_table([*headers, "unit"], [[format_value(x) for x in row] for row in rolled])
+    rows = [[format_value(x) for x in row] for row in list_worst(errors)]
+    print_table(("joint", "error (RMS)", "not predicted", "in", "then off by (median, 95 %)"), rows)
     for line in errors.judged["refused"]:
         say(line)
     say(tell_errors(errors))
-    if out is not None:
+    if out is None:
+        say("--out FOLDER writes every run and time.")
+    else:
         errors.write(out)
         say(out)
+
+
+def list_worst(errors: "ModelErrors") -> list[tuple[str, ...]]:
+    """Of each joint the recording whose torque is predicted worst, and how far it is off at the end."""
+    from wearscope.reporting.page import format_number, interval_text
+
+    rolled = errors.rollouts[errors.rollouts["seconds"] == errors.rollouts["seconds"].max()]
+    found: list[tuple[str, ...]] = []
+    for joint, own in errors.torque.groupby("joint", sort=False):
+        known = own[own["error_percent"].notna()]
+        far = rolled[(rolled["joint"] == joint) & rolled["error_median"].notna()]
+        if known.empty:
+            found.append((str(joint), "n/a", "n/a", str(own["outcome"].iloc[0]), "n/a"))
+            continue
+        worst = known.loc[known["error_percent"].idxmax()]
+        size = f"{format_number(worst['error_rms'])} {worst['unit']}"
+        share = f"{format_number(worst['error_percent'], 2)} % of the torque"
+        off = "n/a"
+        if len(far):
+            last = far.loc[far["error_median"].idxmax()]
+            ends = (last[f"error_median{end}"] for end in ("", "_low", "_high"))
+            off = f"{interval_text(*ends)} {last['unit']} after {last['seconds']:g} s"
+        found.append((str(joint), size, share, str(worst["run"]), off))
+    return found
 
 
 def tell_errors(errors: "ModelErrors") -> str:
@@ -67,9 +85,10 @@ def tell_errors(errors: "ModelErrors") -> str:
     known = torque[torque["error_percent"].notna()]
     left = len(judged["refused"])
     more = f"; {count_text(left, 'recording')} not judged" if left else ""
+    which = "" if judged["joints"] == judged["of"] else f" ({join_words(judged['names']) or 'none moves'})"
     said = (
-        f"Judged at {judged['joints']} of {count_text(judged['of'], 'joint')} "
-        f"({join_words(judged['names']) or 'none moves'}), for {judged['seconds']:.0f} s{more}."
+        f"Judged at {judged['joints']} of {count_text(judged['of'], 'joint')}{which}, "
+        f"for {judged['seconds']:.0f} s{more}."
     )
     if known.empty:
         return f"{said} No joint moves so that its torque can be judged: the robot stands still."

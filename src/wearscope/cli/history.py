@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 
@@ -19,9 +19,9 @@ def history(folder, opened):  # type: ignore[no-untyped-def]
       wearscope history
       wearscope history my-project/results --open
     """
-    from wearscope import tables
     from wearscope.cli.show import print_table
     from wearscope.reporting.history_page import find_answers, render_history
+    from wearscope.storage import tables
 
     if not folder.is_dir():
         raise InputError(f"{folder}: is no folder; name one with results in it.")

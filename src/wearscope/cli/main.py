@@ -8,10 +8,10 @@ from typing import Any, NoReturn
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
-from wearscope.files import FULL, explain_unwritten
 from wearscope.processes import end_process, ignore_settings_here, isolate, open_standard
+from wearscope.storage.files import FULL, explain_unwritten
 
 # Arrow's own pool reserves a gigabyte, which hides how much reading a file takes (`processes.bound_memory`).
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from wearscope.cli.main import LazyGroup
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 KINDS = {

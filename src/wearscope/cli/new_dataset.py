@@ -8,7 +8,7 @@ import yaml
 
 from wearscope import limits
 from wearscope.cli.new_robot import Numbers, name_after
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 READINGS = ("motor", "link", "without_gravity", "none")
@@ -117,7 +117,7 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
               help="Whether the URDF's masses are refitted, or trusted.")  # fmt: skip
 @click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
               help="Effects that the model has to begin with.")  # fmt: skip
-@click.option("--accept", multiple=True, help="Refusal that is overruled, as its sentence words it.")
+@click.option("--accept", multiple=True, help="Check to ignore; paste the text that its sentence names.")
 def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **stated):  # type: ignore[no-untyped-def]
     """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
 
@@ -132,13 +132,14 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
       wearscope new dataset monday.mcap tuesday.mcap --urdf arm.urdf --topic /joint_states
     """
     from wearscope.checking.dataset import check_dataset
+    from wearscope.closed_loop.intake.dataset_fields import DatasetFields
     from wearscope.robots.model_file import read_text
     from wearscope.starters.columns import KINDS
     from wearscope.starters.conversion import convert_recordings
     from wearscope.starters.dataset import write_dataset
     from wearscope.starters.mapped import Mapped
     from wearscope.starters.servos import SERVO_KINDS, read_servo_option
-    from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
+    from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing, write_schema
 
     read_text(urdf, "the robot's URDF")
     name = check_folder_name(name or f"{name_after(urdf)}-data", "data set")
@@ -170,6 +171,10 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         say(f"  {note}")
     with new_folder(target) as made:
         write_dataset(made, name, urdf, converted, mapped)
+        file = made / "dataset.yaml"
+        file.write_text(
+            write_schema(made, DatasetFields) + file.read_text(encoding="utf-8"), encoding="utf-8"
+        )
         found = check_dataset(made)
         found.problems = [
             _name_given(one, made, target, urdf, recordings, converted.runs) for one in found.problems

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError
 
 
@@ -74,9 +74,10 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
       wearscope new robot arm.urdf --coulomb 8,12,6,2,2,1 --viscous 12,15,8,2,2,1 --payload 5
       wearscope new robot arm.urdf --efficiency 0.8 --gear-ratio 101 --joints j1,j2,j3,j4,j5,j6
     """
+    from wearscope.robots.model import RobotModel
     from wearscope.starters.model_text import write_model_text
     from wearscope.starters.robot import Stated, copy_urdf, make_robot
-    from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing
+    from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing, write_schema
 
     name = check_folder_name(name or name_after(urdf), "robot")
     target = folder / name
@@ -87,7 +88,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
     model, figures, notes = make_robot(urdf, name, Stated(joints=given, **stated))
     text = write_model_text(model, figures, urdf.name, stated["payload"] is not None, gravity is not None)
     with new_folder(target) as made:
-        (made / "model.yaml").write_text(text, encoding="utf-8")
+        (made / "model.yaml").write_text(write_schema(made, RobotModel) + text, encoding="utf-8")
         copy_urdf(urdf, made)
     for note in notes:
         say(note)

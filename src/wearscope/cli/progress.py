@@ -7,9 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from wearscope.cli.say import say
+import click
+
 from wearscope.cli.workflow import Progress
 from wearscope.errors import escape_text
+
+
+def say(line: object, err: bool = False, bold: bool = False) -> None:
+    """Print a line in which no text of a file, and no path, can steer the terminal."""
+    click.echo(click.style(escape_text(str(line)), bold=bold or None, reset=bold), err=err)
+
 
 #: Where the output is no terminal, a line is written each so many seconds.
 EVERY = 60.0

@@ -11,10 +11,10 @@ from textwrap import wrap
 import click
 
 from wearscope import limits
-from wearscope.checksums import check_shown
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
+from wearscope.storage.shown import check_shown
 
 #: Results that `show` lists first, and what each says.
 QUESTIONS = {
@@ -113,6 +113,8 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
       wearscope show sensitivity --in my-study
     """
     from wearscope.cli.tables import frame_rows, read_frame
+    from wearscope.reporting.labels import read_detector_names
+    from wearscope.storage.checksums import SETTINGS
 
     given = item is not None and _is_file(Path(item))
     folder = Path() if given else find_results(place)
@@ -123,12 +125,18 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
     check_shown(path)
     if path.suffix in (".parquet", ".csv", ".json"):
         frame, units = read_frame(path)
-        headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows)
+        names = read_detector_names(folder / SETTINGS)
+        headers, cells, left = frame_rows(frame, units, str(path), where, sort, columns, rows, names)
         print_table(headers, cells)
         if left:
             say(f"{left} more rows; --rows 0 shows all, --where COLUMN=VALUE some.", err=True)
     else:
         raise InputError(f"{path}: is no table; name a .parquet, .json or .csv file.")
+
+
+def _tell(path: Path) -> str:
+    """What a table says; those of a design are points to simulate."""
+    return "points that are simulated" if path.parent.name == "design" else QUESTIONS.get(path.stem, "")
 
 
 def _list(folder: Path) -> None:
@@ -137,5 +145,5 @@ def _list(folder: Path) -> None:
         raise InputError(f"{folder}: holds no results yet; run the study with 'wearscope run'.")
     rank = {name: k for k, name in enumerate(QUESTIONS)}
     items.sort(key=lambda path: (rank.get(path.stem, len(rank)), path.parent != folder, path.stem))
-    rows = [(p.stem, QUESTIONS.get(p.stem, ""), p.relative_to(folder).as_posix()) for p in items]
+    rows = [(p.stem, _tell(p), p.relative_to(folder).as_posix()) for p in items]
     print_table(("name", "what it says", "file"), rows)

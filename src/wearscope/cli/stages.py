@@ -1,7 +1,7 @@
 """The commands that are targets of Snakemake."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,7 @@ from typing import Any
 import click
 
 from wearscope.cli.ending import shorten, show_result
-from wearscope.cli.options import study_argument, workflow_options
-from wearscope.cli.progress import format_seconds, show_progress
-from wearscope.cli.say import say
+from wearscope.cli.progress import format_seconds, say, show_progress
 from wearscope.cli.study import (
     StudyPlace,
     check_code_named,
@@ -33,7 +31,33 @@ from wearscope.cli.workflow import (
     wait_turn,
 )
 from wearscope.errors import InputError
-from wearscope.files import check_folder, read_json
+from wearscope.storage.files import check_folder, read_json
+
+_SHARED = (
+    click.option("--cores", type=click.IntRange(1), help="Cores to use; all there are where left out."),
+    click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Change a setting for this once: seed=2, snr.runs=1000.",
+    ),
+    click.option("--dry-run", "-n", is_flag=True, help="Say what would be done."),
+    click.option(
+        "--snakefile",
+        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        help="Own workflow in place of the platform's; its code runs.",
+    ),
+    click.option("--verbose", "-v", is_flag=True, help="Show all that Snakemake says."),
+)
+study_argument = click.argument("study", required=False)
+
+
+def workflow_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the commands that call Snakemake."""
+    for option in reversed(_SHARED):
+        command = option(command)
+    return command
 
 
 def run_targets(

@@ -13,12 +13,12 @@ from typing import Any
 import click
 import yaml
 
-from wearscope.cli.say import say
+from wearscope.cli.progress import say
 from wearscope.errors import InputError, escape_text, explain_yaml
-from wearscope.files import digest_file, read_json, write_text
 from wearscope.home import find_home
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.robots.model_file import read_text
+from wearscope.storage.files import digest_file, read_json, write_text
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 #: What of `allow_code` allows nothing.
 _FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")
@@ -130,10 +130,8 @@ def list_code(config: Mapping[str, Any]) -> list[str]:
     return sorted(code)
 
 
-def check_code_named(
-    place: StudyPlace, config: Mapping[str, Any], allowed: bool = False, computes: bool = True
-) -> None:
-    """Say which code of a study runs, and ask first where somebody is there to answer.
+def check_code_named(place: StudyPlace, config: Mapping[str, Any], allowed: bool = False) -> None:
+    """Say which code of a study runs, once somebody has allowed it.
 
     Parameters
     ----------
@@ -142,8 +140,6 @@ def check_code_named(
         The study's settings.
     allowed : bool
         Whether the command allows it.
-    computes : bool
-        Whether the command is one that computes: without a terminal, naming the study is enough then.
 
     Raises
     ------
@@ -159,24 +155,23 @@ def check_code_named(
             f"{told}name the study to let it run: 'wearscope run .', or --study . where the command is about "
             "something else."
         )
-    if not allowed and sys.stdin is not None and sys.stdin.isatty():
-        _ask(place, code)
-    elif not allowed and not computes:
-        raise InputError(f"{told}give --allow-code to let it run.")
+    _ask(place, code, told, allowed)
     say(InputError(f"Code that {place.config} names runs: {', '.join(code)}."), err=True)
 
 
-def _ask(place: StudyPlace, code: Sequence[str]) -> None:
+def _ask(place: StudyPlace, code: Sequence[str], told: str, allowed: bool) -> None:
     """Ask whether a study's code may run, once for each content of it; the user's own home remembers that."""
     files = [place.folder / one for one in code if one.endswith(".py")]
     digests = [digest_file(file) if file.is_file() else "" for file in files]
-    asked = hashlib.sha256("\n".join([str(place.config), *code, *digests]).encode()).hexdigest()
+    asked = hashlib.sha256("\n".join([str(place.config.resolve()), *code, *digests]).encode()).hexdigest()
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     known = Path(state) / "wearscope" / "allowed.txt"
     if known.is_file() and asked in known.read_text(encoding="utf-8").split():
         return
+    if not allowed and not (sys.stdin is not None and sys.stdin.isatty()):
+        raise InputError(f"{told}let it run once and for all: wearscope check {place.folder} --allow-code.")
     question = f"{place.config} names code: {', '.join(code)}. Have you read it, and may it run?"
-    if not click.confirm(escape_text(question), err=True):
+    if not allowed and not click.confirm(escape_text(question), err=True):
         raise InputError(f"{place.config}: its code may not run; take it out, or read it and allow it.")
     with suppress(OSError):
         known.parent.mkdir(parents=True, exist_ok=True)

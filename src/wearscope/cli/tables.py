@@ -4,13 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from wearscope import limits, tables
+from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import load_json
 from wearscope.processes import bound_memory
+from wearscope.reporting.labels import COLUMNS, with_unit
+from wearscope.storage import tables
+from wearscope.storage.files import load_json
 
 
 def format_value(value: Any) -> str:
@@ -62,6 +65,7 @@ def frame_rows(
     sort: str | None,
     columns: str | None,
     count: int,
+    detectors: Mapping[str, str],
 ) -> tuple[list[str], list[list[str]], int]:
     """Headers and rows as text, and how many rows were left out.
 
@@ -80,14 +84,18 @@ def frame_rows(
         Those to show, with commas.
     count : int
         Largest number of rows; 0 for all.
+    detectors : mapping of str to str
+        Full names, by code.
 
     Raises
     ------
     InputError
         Where there is no such column, or a condition is malformed.
     """
+    told = {COLUMNS.get(str(name), str(name)): str(name) for name in frame.columns}
 
     def known(name: str) -> str:
+        name = told.get(name, name)
         if name not in frame.columns:
             raise InputError(f"{where}: has no column '{name}'; it has {', '.join(map(str, frame.columns))}.")
         return name
@@ -107,8 +115,13 @@ def frame_rows(
         raise InputError(f"{where}: the column has no order; leave out --where and --sort.") from None
     if columns:
         frame = frame[[known(name.strip()) for name in columns.split(",")]]
+    elif len(frame):  # a matrix a cell, such as a covariance, is for programs
+        frame = frame.loc[:, [not isinstance(one, list | np.ndarray) for one in frame.iloc[0]]]
     shown = frame.head(count) if count > 0 else frame
-    headers = [f"{name} [{units[name]}]" if units.get(name) else str(name) for name in frame.columns]
+    if "fda" in shown:
+        shown = shown.assign(fda=shown["fda"].astype(str).replace(dict(detectors)))
+    names = {code: name for name, code in told.items()}
+    headers = [with_unit(names[str(name)], units.get(str(name), "")) for name in frame.columns]
     rows = [[format_value(value) for value in row] for row in shown.itertuples(index=False)]
     return headers, rows, len(frame) - len(shown)
 

@@ -19,10 +19,11 @@ import yaml
 
 from wearscope import limits
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import FULL, check_plain, explain_unwritten, open_new, write_text
 from wearscope.home import find_home
-from wearscope.plain_yaml import load_plain_yaml, take_label
 from wearscope.processes import PYTHON, STARTER, identify_process, isolate
+from wearscope.storage.files import FULL, check_plain, explain_unwritten, open_new, write_text
+from wearscope.storage.plain_yaml import load_plain_yaml, take_label
+from wearscope.storage.shown import LOCK
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")
 _PLANNED = re.compile(r"^total\s+(\d+)$")
@@ -192,6 +193,9 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
     Snakemake would read ``--config`` with several parsers, and run Python that a YAML file may hold.
     """
     path = folder / "results" / f".wearscope-{os.getpid()}.json"
+    for left in path.parent.glob(".wearscope-*.json"):  # by commands that were killed
+        if not identify_process(int("0" + "".join(filter(str.isdigit, left.stem)))):
+            left.unlink(missing_ok=True)
     write_text(path, json.dumps(settings, default=take_label))
     try:
         yield path
@@ -202,7 +206,7 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
 @contextmanager
 def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Wait until no other command computes in a folder: of two at once, one would miss files of the other."""
-    path = folder / "results" / ".wearscope.lock"
+    path = folder / "results" / LOCK
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.closed_loop.corrected import withdraw_worse
 from wearscope.closed_loop.diagnostics.contradictions import Contradiction, find_contradictions
 from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
@@ -40,6 +39,7 @@ from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.posing import pose_problem
 from wearscope.closed_loop.verdict import make_verdict
+from wearscope.storage import tables
 
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.

@@ -1,6 +1,7 @@
 """The machine-readable outcome, and the tables with it."""
 
 import importlib.metadata
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,9 @@ import numpy as np
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.structure import JointState
 from wearscope.closed_loop.diagnostics.worth import Worth
+from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.model.events import suggest_thresholds
 from wearscope.closed_loop.model.inertials import name_far_links
 from wearscope.closed_loop.model.prediction import (
@@ -19,8 +22,8 @@ from wearscope.closed_loop.model.prediction import (
     relative_error,
     rms,
 )
-from wearscope.closed_loop.speed_torque import list_speed_torques
-from wearscope.provenance import read_commit
+from wearscope.effects.viscous import EFFECT as VISCOUS
+from wearscope.storage.provenance import read_commit
 
 _SEED = 7
 #: Standard deviations a priori from which a link is far from its description.
@@ -160,3 +163,35 @@ def summarise_joints(
             "relative_error_percent": relative,
         }
     return summary
+
+
+def list_speed_torques(dataset: Dataset, estimates: Sequence[Estimate]) -> dict[str, Any]:
+    """What opposes a servo's speed: its law, the back-EMF that is known, and the viscous friction next to it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    estimates : sequence of Estimate
+        Of the corrected model.
+
+    Returns
+    -------
+    dict
+        By joint: `law`; `back_emf`, which the torque is without; `speed_coefficient`, that and the viscous
+        friction, with `ci95` where it was estimated [N m s/rad, or N s/m].
+    """
+    told: dict[str, Any] = {}
+    for joint, servo in dataset.fields.servos.items():
+        j = dataset.joints.index(joint)
+        value = low = high = servo.back_emf
+        for one in estimates:
+            if one.entry.joint == j and one.entry.effect.name == VISCOUS.name:
+                ends = one.intervals.get("slope", (one.values["slope"],) * 2)
+                value, low, high = value + one.values["slope"], low + ends[0], high + ends[1]
+        unit = f"{dataset.torque_unit[j]} s/{dataset.position_unit[j]}"
+        told[joint] = {
+            "law": servo.law,
+            "back_emf": servo.back_emf,
+            "speed_coefficient": {"value": value, "ci95": [low, high], "unit": unit},
+        }
+    return told

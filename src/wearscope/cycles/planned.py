@@ -10,13 +10,11 @@ from wearscope.cycles.motion import MotionPlan
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
-KINDS = ("sweeps", "postures", "points", "fourier", "strokes", "rests")
+KINDS = ("sweeps", "postures", "points", "fourier", "strokes")
 #: Share of the way to a limit that is used where the robot has one; else this far from home [rad or m].
 SHARE, OPEN = 0.95, 1.5
 #: Speeds of the sweeps, of the largest one.
 SPEEDS = (0.02, 0.05, 0.12, 0.3, 0.7, 1.0)
-#: Seconds of each rest, and stops on the way to each end.
-REST, STOPS = 1.0, 6
 #: Harmonics of the Fourier series; seconds to start and to stop it.
 HARMONICS, RISE = 6, 1.5
 
@@ -30,10 +28,9 @@ class PlannedMotion:
     kind : str
         ``sweeps``: the joint over its range at six constant speeds; ``postures``: the same at two speeds with
         the other joints in three postures; ``points``: moves between drawn postures; ``fourier``: drawn
-        Fourier series; ``strokes``: short strokes to and fro about five positions; ``rests``: stops on the
-        way up and down.
+        Fourier series; ``strokes``: short strokes to and fro about five positions.
     joint : int or None
-        That moves alone (``sweeps``, ``postures``, ``strokes``, ``rests``); all together where None.
+        That moves alone (``sweeps``, ``postures``, ``strokes``); all together where None.
     seed : int
         Of what is drawn.
     pace, size : float
@@ -69,7 +66,6 @@ class PlannedMotion:
             "points": f"moves of {who} between drawn postures",
             "fourier": f"drawn Fourier series of {who}",
             "strokes": f"short strokes of {who} to and fro about five positions",
-            "rests": f"stops of {who} for {REST:g} s on the way up and on the way down",
         }[self.kind]
         return (
             f"{what}, {100 * self.size:.0f} % of the range, at most {100 * self.pace:.0f} % of the top speed"
@@ -163,16 +159,6 @@ class PlannedMotion:
                     plan.move_to(self._targets(plan, end), self.pace, acceleration=0.3)
             if plan.duration > self.seconds:
                 return
-
-    def _plan_rests(self, plan: MotionPlan) -> None:
-        low, high = self._range(plan)
-        plan.dwell = max(plan.dwell, REST)
-        places = np.linspace(0.1, 0.9, STOPS)
-        while True:
-            for share in (*places, *places[-2::-1]):
-                plan.move_to(self._targets(plan, low + share * (high - low)), self.pace, acceleration=0.5)
-                if plan.duration > self.seconds - REST:
-                    return
 
     def _plan_fourier(self, plan: MotionPlan) -> None:
         low, high = self._range(plan)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wearscope.demonstration.machine import Machine
 from wearscope.demonstration.motions import Motion, make_motion
-from wearscope.tables import write_table, write_text
+from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 

@@ -1,5 +1,6 @@
 """Design matrices (4): composites, factorials, fractions, Latin hypercubes; nominal and validation runs."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any
@@ -9,8 +10,32 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_factors
-from wearscope.designs.seeds import generator_for
 from wearscope.errors import InputError
+
+
+def seed_for(root: int, *identity: object) -> np.random.SeedSequence:
+    """Seed sequence of one named thing.
+
+    Parameters
+    ----------
+    root : int
+        The study's root seed, non-negative; 0 is a seed like any other.
+    *identity : objects with a stable ``str``
+        E.g. ``"snr", robot, cycle, axis, fda``. Equal identities give equal streams, whatever else is drawn.
+
+    Returns
+    -------
+    numpy.random.SeedSequence
+    """
+    text = "\x1f".join(str(part) for part in identity)
+    digest = hashlib.sha256(text.encode("utf-8")).digest()
+    return np.random.SeedSequence([int(root), *np.frombuffer(digest[:16], dtype="<u4").tolist()])
+
+
+def generator_for(root: int, *identity: object) -> np.random.Generator:
+    """PCG64 generator of one named thing; see `seed_for`."""
+    return np.random.Generator(np.random.PCG64(seed_for(root, *identity)))
+
 
 MAX_POINTS = 100_000
 Array = NDArray[np.float64]

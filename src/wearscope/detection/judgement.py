@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.detection.panel import Cell
 from wearscope.detection.run import COMPARED, JUDGED, NOMINAL, OK, UNWORN, WORN, Asked, Setting, Tested
 from wearscope.detection.thresholds import (
@@ -23,6 +22,7 @@ from wearscope.detection.thresholds import (
     measure_distances,
     widen,
 )
+from wearscope.storage import tables
 
 #: What a recording is found to be.
 ALARM, QUIET, UNCHECKED, WITHHELD, FAILED = "alarm", "no alarm", "unchecked", "withheld", "failed"

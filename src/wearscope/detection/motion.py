@@ -106,10 +106,12 @@ def tell_difference(reference: Batch, other: Batch, joints: list[str]) -> str | 
     away = np.abs(second.q - first.q) / _scale(reference)
     place, j = (int(k) for k in np.unravel_index(np.argmax(away), away.shape))
     if away[place, j] > POSITION:
-        return (
-            f"joint '{joints[j]}' is {100 * away[place, j]:.0f} % of its range away after "
-            f"{100 * place / (PLACES - 1):.0f} % of the way"
+        far = (
+            f"{100 * away[place, j]:.0f} % of its range"
+            if away[place, j] <= 1.0
+            else "more than its whole range"
         )
+        return f"joint '{joints[j]}' is {far} away after {100 * place / (PLACES - 1):.0f} % of the way"
     late = (second.time - first.time) / first.time[-1]
     place = int(np.argmax(np.abs(late)))
     if abs(late[place]) > TIME:

@@ -14,16 +14,14 @@ from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.designs.factors import PAPER_FACTORS, Factor
-from wearscope.detection.bridging import bridge_events
 from wearscope.detection.panel import Cell, fit_panel, read_units
-from wearscope.detection.recordings import MotionGroup, Refused, sort_recordings
+from wearscope.detection.recordings import MotionGroup, Refused, bridge_events, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
 from wearscope.detection.thresholds import least_runs
 from wearscope.detectors.base import Batch
 from wearscope.detectors.questions import OK, Answer, DetectorSpec
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel, load_model
-from wearscope.simulation.errors import SimulationError
 from wearscope.supervision import ProcessLost, run_supervised
 
 #: What the test quantities of a run are for, in the column `kind`.

@@ -12,13 +12,12 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.cycles.base import Reference
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor
-from wearscope.designs.seeds import generator_for, seed_for
+from wearscope.designs.kinds import generator_for, seed_for
 from wearscope.detection.motion import cut_rests
 from wearscope.detection.recordings import MotionGroup, Recorded, estimate_torque_noise
 from wearscope.detectors.base import Array, Batch
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.forward import LONGEST_STEP, trace_forward
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.run import Trace

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.motions import SLOW_MOTION
+from wearscope.effects.effect import SLOW_MOTION
 
 
 @compile_row

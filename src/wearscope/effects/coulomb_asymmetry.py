@@ -1,7 +1,7 @@
 """Coulomb level that differs between the two directions."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import REVERSALS
+from wearscope.effects.effect import REVERSALS
 
 
 @compile_row

@@ -12,12 +12,29 @@ from functools import cached_property
 
 import numpy as np
 
-from wearscope.effects import motions
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant, Term
 from wearscope.effects.rows import stack_rows
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
+
+#: Motions that show effects, one sentence each, so that advice for several effects agrees.
+SPEEDS = "move in both directions at several constant speeds, from 1 % to 100 % of the largest one"
+SLOW_MOTION = "add slow motion: constant speeds below 5 % of the largest one, in both directions"
+RANGE = "cover the whole position range slowly, in both directions"
+POSTURES = "repeat the motion with the other joints in other postures, so that gravity's share changes"
+PAYLOAD = "repeat the motion with another known payload and with none"
+QUICK = "add motion with large accelerations about several postures (periodic excitation)"
+REVERSALS = "add slow reversals of a few tenths of a degree about several positions"
+TEMPERATURE = "repeat the motion cold and warm, and record the joint's temperature"
+TIME = "repeat one motion from a cold start until the friction no longer changes"
+GRAVITY_SIGN = "cross the posture where the gravity torque changes sign, slowly"
+SESSIONS = "record constant slow speed over the whole range in two sessions, both for training"
+ALONE = "move each joint alone, the others held still"
+WEAR = "repeat the motion new and worn, at one temperature"
+#: For an effect that does not say.
+OTHERS = "repeat the motion at other speeds, in other postures and with another payload"
+
 
 #: Half width, in the logarithm of a shape parameter, of the range about a grid value that is searched for
 #: the best one: grids step by factors of up to e^0.8.
@@ -162,7 +179,7 @@ class Effect:
     resembles_any: Callable[[Signals, int, Sequence[float]], bool] | None = None
     constant_in_motion: bool = False
     opposes_gravity: bool = False
-    excitation: str = motions.OTHERS
+    excitation: str = OTHERS
     excitation_alone: str = ""
     title: str = ""
     name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None

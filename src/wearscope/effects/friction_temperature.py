@@ -3,8 +3,8 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, compile_row, decay
+from wearscope.effects.effect import TEMPERATURE
 from wearscope.effects.friction_wear_temperature import limit_temperature
-from wearscope.effects.motions import TEMPERATURE
 
 
 @compile_row

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
-from wearscope.effects.motions import TEMPERATURE
+from wearscope.effects.effect import TEMPERATURE
 
 
 @compile_row

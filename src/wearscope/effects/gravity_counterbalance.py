@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import RANGE
+from wearscope.effects.effect import RANGE
 
 
 @compile_row

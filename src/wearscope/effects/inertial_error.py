@@ -6,7 +6,7 @@ parameters).
 """
 
 from wearscope.effects.base import InertialEffect
-from wearscope.effects.motions import PAYLOAD, QUICK
+from wearscope.effects.effect import PAYLOAD, QUICK
 from wearscope.effects.payload_error import EFFECT as PAYLOAD_ERROR
 
 EFFECT = InertialEffect(

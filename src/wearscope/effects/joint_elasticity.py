@@ -6,7 +6,7 @@ are made for has a softer one, that yields to them as far as a gear may be slack
 """
 
 from wearscope.effects.base import Parameter, TransmissionEffect
-from wearscope.effects.motions import QUICK
+from wearscope.effects.effect import QUICK
 
 EFFECT = TransmissionEffect(
     name="joint_elasticity",

@@ -1,7 +1,7 @@
 """Spring about the joint: cable or hose package."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import RANGE
+from wearscope.effects.effect import RANGE
 
 
 @compile_row

@@ -7,11 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from wearscope.differentiation import differentiate
 from wearscope.effects.effect import Effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.plant import Plant
-from wearscope.effects.signals import Signals
+from wearscope.effects.signals import Signals, differentiate
 
 #: Values that describe a body for gravity: its mass and first moments.
 _BODY = 4

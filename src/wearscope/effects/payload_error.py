@@ -1,7 +1,7 @@
 """Error of the declared payload's mass and centre of mass."""
 
 from wearscope.effects.base import Parameter, PayloadEffect
-from wearscope.effects.motions import PAYLOAD, POSTURES
+from wearscope.effects.effect import PAYLOAD, POSTURES
 
 EFFECT = PayloadEffect(
     name="payload_error",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.motions import REVERSALS
+from wearscope.effects.effect import REVERSALS
 
 
 @compile_row

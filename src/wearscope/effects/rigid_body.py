@@ -1,7 +1,7 @@
 """Multibody dynamics of the links with the declared payload."""
 
 from wearscope.effects.base import RigidBodyEffect
-from wearscope.effects.motions import QUICK
+from wearscope.effects.effect import QUICK
 
 EFFECT = RigidBodyEffect(
     name="rigid_body",

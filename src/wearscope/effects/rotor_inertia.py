@@ -1,7 +1,7 @@
 """Rotor inertia reflected to the joint."""
 
 from wearscope.effects.base import ArmatureEffect, Parameter, compile_row
-from wearscope.effects.motions import PAYLOAD, QUICK
+from wearscope.effects.effect import PAYLOAD, QUICK
 
 
 @compile_row

@@ -1,7 +1,7 @@
 """Inertia on the motor side beyond the declared rotor inertia."""
 
 from wearscope.effects.base import ArmatureEffect, Parameter
-from wearscope.effects.motions import PAYLOAD, POSTURES
+from wearscope.effects.effect import PAYLOAD, POSTURES
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 
 EFFECT = ArmatureEffect(

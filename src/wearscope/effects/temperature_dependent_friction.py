@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.motions import TEMPERATURE
+from wearscope.effects.effect import TEMPERATURE
 
 #: Span of temperature [K] below which nothing depends on it: that of a sensor at rest.
 LEAST_SPAN = 0.5

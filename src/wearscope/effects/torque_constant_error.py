@@ -4,7 +4,7 @@ Drives' torque constants are stated to 10 %, and fall with the magnet's temperat
 """
 
 from wearscope.effects.base import MeasurementEffect, Parameter
-from wearscope.effects.motions import PAYLOAD
+from wearscope.effects.effect import PAYLOAD
 
 EFFECT = MeasurementEffect(
     name="torque_constant_error",

@@ -1,7 +1,7 @@
 """Constant bias of the torque sensor or the drive."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import REVERSALS
+from wearscope.effects.effect import REVERSALS
 
 
 @compile_row

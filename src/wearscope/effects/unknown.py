@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.motions import OTHERS
+from wearscope.effects.effect import OTHERS
 
 #: Numbers of hat functions worth trying.
 LEVELS = (5, 9, 17, 33)

@@ -1,7 +1,7 @@
 """Viscous slope that differs between the two directions."""
 
 from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.motions import SPEEDS
+from wearscope.effects.effect import SPEEDS
 
 
 @compile_row

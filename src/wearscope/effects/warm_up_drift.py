@@ -3,7 +3,7 @@
 import numpy as np
 
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.motions import TIME
+from wearscope.effects.effect import TIME
 
 
 @compile_row

@@ -15,8 +15,7 @@ from wearscope.designs.factors import (
     nominal_levels,
     worn_factor,
 )
-from wearscope.designs.kinds import design_table
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.evidence import draw_runs
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of

@@ -17,7 +17,7 @@ from wearscope.evaluation.recommendation import (
     recommend,
 )
 from wearscope.evaluation.responses import Cells
-from wearscope.evaluation.scope_counts import SURE, add_counts, count_scope
+from wearscope.evaluation.scope import SURE, add_counts, count_scope
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.surrogates.fitting import CELL
 

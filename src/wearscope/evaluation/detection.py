@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.sampled_scope import SPREAD, WEIGHTS, Tabulated, interpolation, weighted_threshold
-from wearscope.evaluation.scope import scope_quadratics
-from wearscope.evaluation.scope_exact import spread, tail_probability, threshold
+from wearscope.evaluation.scope import scope_quadratics, spread, tail_probability, threshold
 from wearscope.surrogates.fitting import CELL
 from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_factors, worn_factor
-from wearscope.designs.kinds import design_table
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import bootstrap_indices
 from wearscope.evaluation.sampled_snr import draw_snr, response_size

@@ -8,7 +8,7 @@ import pandas as pd
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.conclusion import Conclusion, count_sure, smallest_change
 from wearscope.evaluation.recommendation import choose_method
-from wearscope.evaluation.scope_counts import count_scope
+from wearscope.evaluation.scope import count_scope
 
 
 def overview_table(

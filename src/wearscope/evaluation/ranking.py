@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import bootstrap_indices, check_group
 from wearscope.surrogates.fitting import CELL, cell_name

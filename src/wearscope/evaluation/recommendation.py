@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.grouping import bootstrap_indices
 from wearscope.evaluation.ranking import FEW, rank_deployable
-from wearscope.evaluation.scope_counts import count_scope
+from wearscope.evaluation.scope import count_scope
 from wearscope.surrogates.fitting import CELL
 
 #: How often the choice is made again.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.scope import METHODS, check_setting, long_table
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.snr import describe_snr, is_noise_free, ratio
 from wearscope.surrogates.fitting import cell_name
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate

@@ -1,21 +1,297 @@
-"""Where a detector works (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and their groups."""
+"""Where a detector works (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and their groups.
 
-from collections.abc import Mapping, Sequence
+With w = s x, x standard normal, y = a + b w + c w^2 is A + B x + C x^2, and P(y >= h) is a difference of
+two normal distribution functions at the roots of A + B x + C x^2 = h.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from wearscope.designs.factors import FAULT, PAPER_FACTORS, nominal_levels
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
-from wearscope.evaluation.scope_confidence import pass_confidence
-from wearscope.evaluation.scope_exact import detection_probability, standardise
 from wearscope.evaluation.snr import output_status
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.surrogate import Surrogate, expand_coefficients
 
 METHODS = ("exact", "kde")
+Array = NDArray[np.float64]
+#: Share of the draws of a surrogate for which a grid cell must pass to count as sure.
+SURE = 0.95
+COUNTS = ("cells", "passes", "known", "sure", "differ")
+_GRID = ["factor", "method", "delta", "sigma"]
+
+
+def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
+    """Counts of the cells of each group at each point of the grid.
+
+    Parameters
+    ----------
+    scope : DataFrame
+        From `wearscope.evaluation.scope.scope_table`; ``confidence`` may be missing.
+    by : sequence of str
+        Any subset of ``robot``, ``cycle``, ``axis``, ``fda``.
+
+    Returns
+    -------
+    DataFrame
+        The group columns, ``factor``, ``method``, ``delta``, ``sigma``, sorted, then numbers of ``cells``, of
+        those that pass (``passes``), whose confidence is known (``known``) and at least `SURE` (``sure``),
+        and, on the rows of the exact method, whose verdict by the other method differs (``differ``).
+    """
+    differ = np.zeros(len(scope), dtype=np.int64)
+    rows = scope
+    if 2 * (scope["method"] == "exact").sum() == len(scope):
+        rows = scope.sort_values([*CELL, *_GRID], kind="stable")
+        exact, passes = (rows["method"] == "exact").to_numpy(), rows["passes"].to_numpy(dtype=bool)
+        differ[exact] = passes[exact] != passes[~exact]
+    confidence = rows["confidence"] if "confidence" in rows else pd.Series(np.nan, index=rows.index)
+    marked = rows[[*check_group(by), *_GRID]].assign(
+        cells=1,
+        passes=rows["passes"].to_numpy(dtype=np.int64),
+        known=confidence.notna().to_numpy(dtype=np.int64),
+        sure=(confidence >= SURE).to_numpy(dtype=np.int64),
+        differ=differ,
+    )
+    return _add(marked)
+
+
+def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Counts of all parts together, each of other cells; one part and the sum are held at a time."""
+    total: pd.DataFrame | None = None
+    for part in parts:
+        total = part if total is None else _add(pd.concat([total, part], ignore_index=True))
+    if total is None:
+        raise ValueError("no part to count")
+    return total
+
+
+def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Array, Array, Array]:
+    """Number of passing cells on the grid.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        One method's rows, of cells or of counts.
+    passing : array (N,)
+        Whether a row's cell passes, or how many of its cells do.
+
+    Returns
+    -------
+    sigma (S,), delta (J,), count (J, S)
+    """
+    table = rows[["delta", "sigma"]].assign(count=np.asarray(passing, dtype=float))
+    wide = table.pivot_table(index="delta", columns="sigma", values="count", aggfunc="sum")
+    return wide.columns.to_numpy(float), wide.index.to_numpy(float), wide.to_numpy(float)
+
+
+def _add(table: pd.DataFrame) -> pd.DataFrame:
+    keys = [name for name in table.columns if name not in COUNTS]
+    return table.groupby(keys, sort=True, observed=True)[list(COUNTS)].sum().reset_index()
+
+
+_REACH = 9.0
+#: Brackets that shrink no more are left out when they are more than the rest of this share.
+_CROWDED = 0.9
+
+
+def standardise(coefficients: ArrayLike, sigma: ArrayLike) -> Array:
+    """Coefficients in x of y = a + b w + c w^2, w = sigma x.
+
+    Parameters
+    ----------
+    coefficients : array (..., 3)
+        a, b, c.
+    sigma : array (...,)
+
+    Returns
+    -------
+    array (..., 3)
+        A, B, C.
+    """
+    a, b, c = np.moveaxis(np.asarray(coefficients, dtype=float), -1, 0)
+    s = np.asarray(sigma, dtype=float)
+    a, b, c, s = np.broadcast_arrays(a, b, c, s)
+    return np.stack([a, b * s, c * s * s], axis=-1)
+
+
+def tail_probability(quadratic: ArrayLike, h: ArrayLike) -> Array:
+    """P(A + B x + C x^2 >= h) for standard normal x.
+
+    The roots are taken in the form that does not cancel, so C may be zero or tiny.
+
+    Parameters
+    ----------
+    quadratic : array (..., 3)
+    h : array (...,)
+
+    Returns
+    -------
+    array (...,)
+    """
+    a, b, c = np.moveaxis(np.asarray(quadratic, dtype=float), -1, 0)
+    a, b, c, h = np.broadcast_arrays(a, b, c, np.asarray(h, dtype=float))
+    b = np.abs(b)
+    lift = h - a
+    discriminant = b * b + 4 * c * lift
+    inside = discriminant >= 0
+    root = np.sqrt(np.where(inside, discriminant, 0.0))
+    half = -0.5 * (b + root)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        near = np.where(half != 0, -lift / half, 0.0)
+        far = np.where(c != 0, half / c, -np.inf)
+    low, high = np.minimum(near, far), np.maximum(near, far)
+    up = c > 0
+    below, beyond = ndtr(low), ndtr(np.where(up, -high, high))
+    curved = np.where(inside, np.where(up, below + beyond, beyond - below), up.astype(float))
+    flat = c == 0
+    if not flat.any():
+        return curved
+    straight = np.where(b > 0, ndtr(-near), (lift <= 0).astype(float))
+    return np.where(flat, straight, curved)
+
+
+def spread(quadratic: ArrayLike) -> Array:
+    """Standard deviation sqrt(B^2 + 2 C^2), shape (...,)."""
+    quadratic = np.asarray(quadratic, dtype=float)
+    return np.hypot(quadratic[..., 1], np.sqrt(2.0) * quadratic[..., 2])
+
+
+def threshold(quadratic: ArrayLike, probability: ArrayLike) -> Array:
+    """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
+
+    The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
+    upper end is returned.
+
+    Parameters
+    ----------
+    quadratic : array (..., 3)
+    probability : float or array (...,)
+
+    Returns
+    -------
+    array (...,)
+    """
+    quadratic, wanted = np.asarray(quadratic, dtype=float), np.asarray(probability, dtype=float)
+    shifted = quadratic.copy()
+    shifted[..., 0] = 0.0
+    b, c = np.abs(quadratic[..., 1]), quadratic[..., 2]
+    ends = np.stack([c * _REACH**2 - b * _REACH, c * _REACH**2 + b * _REACH])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turn = np.where(c != 0, -b / (2 * c), np.inf)
+        vertex = np.where(np.abs(turn) < _REACH, -b * b / (4 * c), 0.0)
+    low = np.minimum(np.minimum(ends[0], ends[1]), vertex)
+    high = np.maximum(np.maximum(ends[0], ends[1]), vertex)
+    shape = np.broadcast_shapes(high.shape, wanted.shape)
+    asked = np.broadcast_to(shifted, (*shape, 3)).reshape(-1, 3)
+    wanted, low, high = (np.broadcast_to(one, shape).ravel() for one in (wanted, low, high))
+    found, where = high.copy(), np.arange(high.size)
+    for _ in range(200):  # next to 0, numbers go on for longer
+        middle = 0.5 * (low + high)
+        shrinks = (middle > low) & (middle < high)
+        left = np.count_nonzero(shrinks)
+        if left == 0:
+            break
+        if left < _CROWDED * len(where):  # some need half as many steps as others
+            found[where] = high
+            where, asked, wanted = where[shrinks], asked[shrinks], wanted[shrinks]
+            low, high, middle = low[shrinks], high[shrinks], middle[shrinks]
+        above = tail_probability(asked, middle) > wanted
+        low = np.where(above, middle, low)
+        high = np.where(above, high, middle)
+    found[where] = high
+    high = found.reshape(shape)
+    return quadratic[..., 0] + high
+
+
+def detection_probability(null: ArrayLike, alternative: ArrayLike, false_alarm: float = 0.01) -> Array:
+    """P_d (14) at the threshold that P_f' sets, exactly.
+
+    Parameters
+    ----------
+    null, alternative : array (..., 3)
+        A, B, C under H0 and H1, of shapes that broadcast.
+    false_alarm : float
+        P_f'.
+
+    Returns
+    -------
+    array (...,)
+        Where y does not vary under H0, the threshold lies just above that value, and P_d = P(y > it).
+    """
+    null, alternative = np.asarray(null, dtype=float), np.asarray(alternative, dtype=float)
+    scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
+    fixed = spread(null) <= scale
+    h = np.where(fixed, null[..., 0] + scale, threshold(null, false_alarm))
+    return tail_probability(alternative, h)
+
+
+def along_operator(
+    surrogate: Surrogate, factor: str, levels: Mapping[str, float], faults: ArrayLike
+) -> Array:
+    """Matrices (J, p, 3) that turn coefficients into a, b, c of `Surrogate.along` at fault levels (J,)."""
+    names = surrogate.names
+    k = names.index(factor)
+    held = {**levels, FAULT: 0.0, factor: 0.0}
+    z = np.tile([held[name] for name in names], (np.size(faults), 1))
+    z[:, names.index(FAULT)] = faults
+    constant, linear, q = expand_coefficients(np.eye(len(surrogate.terms)), surrogate.terms, names)
+    level = constant + z @ linear.T + ((z @ q) * z).sum(axis=-1).T
+    slope = linear[:, k] + 2 * z @ q[:, k].T
+    return np.stack([level, slope, np.broadcast_to(q[:, k, k], slope.shape)], axis=-1)
+
+
+def pass_confidence(
+    surrogate: Surrogate,
+    factor: str,
+    deltas: Array,
+    sigmas: Array,
+    levels: Mapping[str, float],
+    rng: np.random.Generator,
+    draws: int = 200,
+    f0: float = -2.0,
+    false_alarm: float = 0.01,
+    detection: float = 0.99,
+) -> Array:
+    """Share of coefficient draws for which a grid cell meets (12), by the exact method.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+    factor : str
+        The nuisance that varies.
+    deltas, sigmas : array (J,), (S,)
+    levels : mapping
+        Coded levels of the other nuisances.
+    rng : numpy.random.Generator
+    draws : int
+        Coefficient vectors, see `Surrogate.draw_coefficients`; the share has a standard error of at most
+        0.5 / sqrt(draws).
+    f0, false_alarm, detection : float
+        As in `wearscope.evaluation.scope.scope_table`.
+
+    Returns
+    -------
+    array (S, J)
+        0 for a constant detector; NaN without residual degrees of freedom or draws.
+    """
+    shape = (len(sigmas), len(deltas))
+    if surrogate.status == "constant":
+        return np.zeros(shape)
+    if surrogate.dof < 1 or draws < 1:
+        return np.full(shape, np.nan)
+    theta = surrogate.draw_coefficients(rng, draws)
+    maps = along_operator(surrogate, factor, levels, f0 + np.concatenate([[0.0], deltas]))
+    along = np.einsum("dp,jpc->jdc", theta, maps)
+    null = standardise(along[0], sigmas[:, None])
+    worn = standardise(along[1:], sigmas[:, None, None])
+    p_d = detection_probability(null[:, None], worn, false_alarm)
+    return np.mean(p_d >= detection, axis=-1)
 
 
 def paper_grid() -> tuple[np.ndarray, np.ndarray]:

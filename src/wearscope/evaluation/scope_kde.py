@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 
 Array = NDArray[np.float64]
 NODES = 2048

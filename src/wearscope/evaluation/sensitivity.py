@@ -10,6 +10,28 @@ from wearscope.evaluation.grouping import box_statistics, check_group, groups_of
 from wearscope.surrogates.fitting import CELL
 
 
+def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Rows of a table by robot without those about factors that were dropped there.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With ``robot`` and `column`.
+    screening : DataFrame
+        ``robot``, ``factor``, ``dropped``.
+    column : str
+        Holds a factor, or a term of factors (``w3``, ``f:w3``, ``w3^2``).
+    """
+    dropped = {(row.robot, row.factor) for row in screening[screening["dropped"]].itertuples()}
+    if not dropped:
+        return table
+    kept = [
+        not any((robot, part.partition("^")[0]) in dropped for part in term.split(":"))
+        for robot, term in zip(table["robot"], table[column].astype(str), strict=True)
+    ]
+    return table[kept].reset_index(drop=True)
+
+
 def group_matrices(
     surrogates: pd.DataFrame, model: str = "simplified", by: Sequence[str] = ("fda",)
 ) -> dict[tuple, pd.DataFrame]:

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.sampled_snr import draw_snr, response_size
 from wearscope.evaluation.snr import NOISE_FREE
 from wearscope.evaluation.tolerance import sampled_tolerance

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from wearscope.designs.seeds import generator_for
+from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault

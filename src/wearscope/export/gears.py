@@ -12,7 +12,7 @@ from wearscope.effects.base import Plant
 from wearscope.export.holdings import Holdings
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
-from wearscope.simulation.gear import deflection
+from wearscope.simulation.balance import deflection
 
 #: Torques at which the springs meet the gear's law, over the torque that takes up the lost motion.
 _KNOTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0])

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import load_effect
+from wearscope.errors import need
 from wearscope.export.holdings import FORMATS, take_holdings
-from wearscope.extras import need
 from wearscope.robots.model import RobotModel
-from wearscope.verdicts import read_verdict
+from wearscope.storage import tables
+from wearscope.storage.verdicts import read_verdict
 
 if TYPE_CHECKING:
     from wearscope.export.comparison import Comparison

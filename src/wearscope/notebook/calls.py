@@ -188,7 +188,7 @@ def evaluate(
     InputError
         Where the recordings are of other joints, or nothing can be simulated.
     """
-    from wearscope.model_errors import evaluate_model
+    from wearscope.notebook.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
     loaded = load_model(model, strict=False, allow_code=allow_code)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from wearscope.closed_loop.diagnosis import Diagnosis
     from wearscope.detection.judgement import Detection
-    from wearscope.model_errors import ModelErrors
+    from wearscope.notebook.model_errors import ModelErrors
 
 
 #: What a column's unit is called where each row has its own.
@@ -309,6 +309,6 @@ class EvaluationResult(Shown):
 
 def read_changes(folder: str | Path) -> pd.DataFrame:
     """``changes.parquet`` of a tracking."""
-    from wearscope.tables import read_table
+    from wearscope.storage.tables import read_table
 
     return read_table(Path(folder) / "changes.parquet")

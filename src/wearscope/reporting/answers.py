@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from wearscope.evaluation.scope_counts import count_matrix
+from wearscope.evaluation.scope import count_matrix
 from wearscope.reporting.findings import SMALL
 from wearscope.reporting.labels import (
     count_text,

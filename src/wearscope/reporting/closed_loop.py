@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
-from wearscope.plain_yaml import load_plain_yaml
 from wearscope.reporting.page import interval_text, read_outcome
+from wearscope.storage import tables
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 STAGES = ("before", "after")
 _OPTIONAL = ("signals", "profiles", "forward")

@@ -5,7 +5,6 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.reporting.charts.loop import (
     chart_against,
     chart_errors,
@@ -31,6 +30,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
+from wearscope.storage import tables
 
 #: Longest list that is shown unfolded.
 MOST_SHOWN = 12

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.reporting.labels import count_text, detector_name, join_words, unit_text
 from wearscope.reporting.page import format_number, read_outcome
 from wearscope.reporting.page_strip import Strip
+from wearscope.storage import tables
 
 #: Words of factors by kind.
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}

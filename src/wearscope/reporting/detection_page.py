@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, offset, rows, symlog, tint, tips
 from wearscope.reporting.detection import (
@@ -32,6 +31,7 @@ from wearscope.reporting.page import (
     render_part,
     render_table,
 )
+from wearscope.storage import tables
 
 _BADGES = {
     "alarm": "bad",
@@ -228,8 +228,9 @@ def _setting(found: Detections) -> Markup:
         f"For the recordings the detectors were fitted to {fitted}; for simulated runs, to simulated nominal "
         "runs.",
         f"{runs} of the model {summary['model']} were simulated along each motion, at the recorded "
-        f"temperatures. Temperature and payload mass error scatter by {setting['sigma']:g} coded units of "
-        f"the study; the torque noise is that of {summary['torque_noise_from']}. Recorded and simulated runs "
+        f"temperatures. Temperature and payload mass error scatter by {25 * setting['sigma']:.2g} % of their "
+        "ranges in the study (standard deviation); the torque noise is that of "
+        f"{summary['torque_noise_from']}. Recorded and simulated runs "
         "were filtered alike.",
     ]
     for motion, one in summary["motions"].items():

@@ -16,21 +16,23 @@ import pyarrow as pa
 from markupsafe import Markup
 from pydantic import TypeAdapter
 
-from wearscope import limits, tables
-from wearscope.checksums import ANSWERS, SETTINGS, check_answer
-from wearscope.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope import limits
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
 from wearscope.reporting.labels import count_text, read_detector_names
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
-from wearscope.verdicts import read_verdict
+from wearscope.storage import tables
+from wearscope.storage.checksums import ANSWERS, SETTINGS
+from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope.storage.shown import MADE, check_answer
+from wearscope.storage.verdicts import read_verdict
 
 #: Where a folder of results keeps its answers, those of earlier runs too.
 KEPT = "history.jsonl"
 #: What is followed over time, by kind of page.
 _QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
-_BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "not found"}
+_BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "needs attention"}
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ class Answer:
 
 def find_answers(folder: Path) -> list[Answer]:
     """Answers below a folder, newest first: those of its pages, and those that were written over."""
-    found = [one for page in folder.rglob("report.html") if (one := read_answer(folder, page))]
+    pages = [page for page in folder.rglob("report.html") if MADE not in page.parts]
+    found = [one for page in pages if (one := read_answer(folder, page))]
     there = {one.digest for one in found}
     found += [one for one in _read_kept(folder / KEPT) if one.digest not in there]
     return sorted(found, key=lambda one: (one.when, one.name), reverse=True)
@@ -154,8 +157,10 @@ def render_history(folder: Path, found: list[Answer]) -> str:
     shown = {"trend": trend} if trend["when"].nunique() > 1 else {}
     if shown:
         sections.append(Section("Trend", embed_chart(_chart()), "trend"))
-    action = Markup('Open <a href="{}">{}</a>, the newest page.')
-    strip = replace(newest.strip, action=action.format(newest.path, newest.name))
+    action = Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path, newest.name)
+    strip = replace(
+        newest.strip, action=action if newest.path else "Run the newest one again: its page is gone."
+    )
     subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
     return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from wearscope.files import load_json
+from wearscope.storage.files import load_json
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
@@ -31,6 +31,8 @@ PARAMETERS = {
     "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
     "cosine2": "amplitude of the cosine of twice the position",
 }  # fmt: skip
+#: Effects that a session names otherwise than a data set does, up to their joint.
+_CHANGES = {"payload_error": "weight on the link of"}
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
 
@@ -49,6 +51,11 @@ def effect_name(code: str) -> str:
     from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
 
     return next((one.title for one in list_effects() if one.name == code and one.title), words(code))
+
+
+def change_name(code: str, joint: str) -> str:
+    """A change between sessions and where it is: ``viscous friction at j2``, ``weight on the link of j2``."""
+    return f"{_CHANGES[code]} {joint}" if code in _CHANGES else f"{effect_name(code)} at {joint}"
 
 
 def parameter_name(code: str) -> str:
@@ -117,7 +124,7 @@ def term_factors(term: str) -> list[str]:
 
 def unit_text(unit: str) -> str:
     """Unit as printed; empty for a pure number."""
-    return _UNITS.get(unit, unit)
+    return _UNITS.get(unit, unit.replace("^2", "²"))
 
 
 def with_unit(text: str, unit: str) -> str:

@@ -4,9 +4,18 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.closed_loop import STAGES, ClosedLoop, name_signal, number
+from wearscope.reporting.closed_loop import (
+    STAGES,
+    ClosedLoop,
+    against_signal,
+    dominant_signals,
+    label_signal,
+    name_signal,
+    number,
+)
 from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
     UNKNOWN,
@@ -23,18 +32,21 @@ from wearscope.reporting.loop_words import (
     SLIGHT,
     STATUSES,
     conclude_loop,
+    doubt_masses,
+    falls_anywhere,
     is_in_model,
     is_small,
     joints_in,
     list_alarms,
     list_shared,
     list_unexplained,
-    name_with_rivals,
     say_share,
     size_left,
     tell_left,
+    tell_load,
     tell_measurement,
     tell_noise,
+    tell_rivals,
     tell_sizes,
     tell_unexplained,
     tell_why,
@@ -49,13 +61,10 @@ _LEFT = {
     "unexplained": ("unsure", "structure left"),
     "not_judged": ("unsure", "not judged"),
 }
-#: Of the small curves: width, height, seconds and points; colour and width of each.
-_WIDTH, _HEIGHT, _SECONDS, _POINTS = 320, 64, 8.0, 240
-_CURVES = {
-    "measured": ("var(--soft)", 3),
-    "predicted_before": ("var(--before)", 1.3),
-    "predicted_after": ("var(--after)", 1.3),
-}
+#: False alarms an hour from which a bound says nothing.
+_MOST_ALARMS = 60.0
+#: Of a card's picture: width, height, points.
+_WIDTH, _HEIGHT, _POINTS = 320, 76, 200
 
 
 def loop_strip(loop: ClosedLoop) -> Strip:
@@ -65,12 +74,12 @@ def loop_strip(loop: ClosedLoop) -> Strip:
     held, refuted = statuses.count("confirmed"), statuses.count("refuted")
     more = f"; they refute {refuted}" if refuted else ""
     sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
+    if held and not falls_anywhere(loop.verdict):
+        sure = "Test runs that no fit used show no error that falls."
     if not statuses:
         sure = "Every effect of the vocabulary was tried at every joint that moves."
     if events := len(join_events(loop.verdict.get("events") or [])):
         sure += f" Rows of {count_text(events, 'short event')} (a push, a collision) count in no fit."
-    if kind == "good" and _doubt_masses(loop):
-        kind = "unsure"
     return Strip(text, kind, sure, _caveat(loop), _advise(loop))
 
 
@@ -79,28 +88,57 @@ def _advise(loop: ClosedLoop) -> Markup:
     entries = loop.verdict["verdict"]
     kept = any(map(is_in_model, entries))
     if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
-        text = Markup('Record <a href="{0}">{0}</a> ({1}), then diagnose again.')
+        text = Markup('Record <a href="{0}">{0}</a> ({1}){2}, then diagnose again.')
+        more = f' and <a href="#next-measurement">{len(advised) - 1} more</a>' if advised[1:] else ""
         until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
-        return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run")) + until
+        return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run"), Markup(more)) + until
     sure = any(one["status"] == "confirmed" for one in entries)
     body = kept and any(one["effect"] in list_shared() for one in entries)
-    if not sure and (body or (not kept and _doubt_masses(loop))):
+    if not sure and (body or (not kept and (tell_load(loop.verdict) or doubt_masses(loop.verdict)))):
         text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
         return text + Markup("<code>--inertials trusted</code> lets the test runs tell a payload's error.")
     if kept and not sure:
         text = Markup("The test runs do not decide: record one of faster or wider motion, ")
         return text + "and diagnose again."
+    if kept and (doubt := doubt_simulation(loop.forward)):
+        return Markup.escape(doubt)
     if kept:
         text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
         if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
             return text + Markup(". <code>wearscope diagnose</code> says what to record to tell names apart.")
         return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
     if any(one["status"] != "refuted" for one in entries):
-        return Markup("Check it on the machine, then declare it; the corrected model leaves it out.")
+        return Markup("Check it on the machine: the corrected model leaves it out.")
     if list_unexplained(loop.verdict, small=False) or tell_noise(loop.verdict):
         text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
         return text + "a missing effect over a signal."
     return Markup("Keep the declared model; record another motion if you doubt it.")
+
+
+def doubt_simulation(forward: pd.DataFrame | None) -> str:
+    """What speaks against the corrected model in a simulator, and what to use it for; empty where nothing.
+
+    Parameters
+    ----------
+    forward : DataFrame or None
+        As ``forward.parquet``.
+    """
+    if forward is None:
+        return ""
+    whole = forward[forward["run"] == "all"].set_index(["stage", "joint"])
+    before, after = whole.loc["before"], whole.loc["after"]
+    usable = "Use it for torques along a measured motion; in a simulation keep the declared model."
+    for outcome in after["outcome"][(before["outcome"] == "ok") & (after["outcome"] != "ok")]:
+        return (
+            f"The corrected model cannot be simulated: {outcome.partition('failed: ')[2] or outcome} {usable}"
+        )
+    worse = after.index[after["motion_rms_low"] > before["motion_rms_high"]]
+    if not len(worse):
+        return ""
+    joint = (after["motion_rms"] / before["motion_rms"])[worse].idxmax()
+    ends = " against ".join(format_number(one.at[joint, "motion_rms"], 2) for one in (after, before))
+    told = f"Simulated, the corrected model strays further from the measured motion at {joint}: {ends}."
+    return f"{told} {usable}"
 
 
 def _caveat(loop: ClosedLoop) -> str:
@@ -109,15 +147,14 @@ def _caveat(loop: ClosedLoop) -> str:
     if unjudged := joints_in(loop.verdict, "not_judged"):
         reason = joints[unjudged[0]].get("reason", "")
         return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
-    if doubt := _doubt_masses(loop):
+    if doubt := doubt_masses(loop.verdict):
         return doubt
+    if rivals := tell_rivals(loop.verdict):
+        return rivals
     if left := list_unexplained(loop.verdict, small=False):
         worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
         why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
         return f"At {worst}, {size} is left: {why}."
-    open_names = [name_with_rivals(one) for one in loop.verdict["verdict"] if one["equivalent"]]
-    if open_names:
-        return f"These runs do not separate {'; '.join(open_names)}."
     for one in loop.verdict["verdict"]:
         if one["effect"] == UNKNOWN and is_in_model(one):
             on = join_words([*map(name_signal, one["depends_on"])]) or "no known signal"
@@ -128,25 +165,6 @@ def _caveat(loop: ClosedLoop) -> str:
     if runs < 3:
         return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
     return "Names say which formula fits and carries over, not which part of the machine causes it."
-
-
-def _doubt_masses(loop: ClosedLoop) -> str:
-    """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
-    shared = [one for one in loop.verdict["verdict"] if one["effect"] in list_shared()]
-    if any(one["status"] == "confirmed" and is_in_model(one) for one in shared):
-        return ""  # the body's error has a name
-    if factors := loop.verdict.get("torque_factors"):
-        low, high = min(factors.values()), max(factors.values())
-        size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
-        where = "" if len(factors) == len(loop.joints) else f" at {join_words(list(factors))}"
-        told = (
-            "the payload, masses, torque constants or positions' scale are off, or a balancer is undeclared"
-        )
-        return f"Torques{where} are {size} times what the URDF's masses need: {told}."
-    if far := loop.verdict.get("far_links"):
-        told = "a load is undeclared, or the URDF is wrong"
-        return f"Masses were refitted far from the URDF at {join_words(far)}: {told}."
-    return ""
 
 
 def render_outcome(loop: ClosedLoop) -> Markup:
@@ -164,16 +182,17 @@ def render_outcome(loop: ClosedLoop) -> Markup:
 
 
 def render_parameters(loop: ClosedLoop) -> Markup:
-    """Parameters of what was added, then all that was fitted; nothing where there is none of it."""
+    """All that was fitted, joint by joint, then the bodies; nothing where there is none of it."""
     added = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
+    rows = [row | {"before": "not in it"} for row in added] + _list_fitted(loop)
+    rows.sort(key=lambda row: loop.joints.index(row["joint"]) if row["joint"] in loop.joints else -1)
     text = (
-        "Of what was added. The corrected model holds them, except those of effects that it leaves out. The "
-        "interval of one parameter may hold zero where those of its effect together do not."
+        "Before: the declared model, its own parameters fitted to the training runs. After: with what was "
+        "added. An interval of one parameter may hold zero where those of its effect together do not."
     )
-    told = "Of the declared model: before and after, each fitted to the training runs."
     masses = "Links and payload by the URDF of each model; the centre of mass is in the link's frame."
-    joints = ((added, text), (_list_fitted(loop), told))
-    parts = [render_table(rows, note, filter_by=JOINT) for rows, note in joints if rows]
+    columns = "joint; effect; parameter; before; value|after; 95 % interval; unit"
+    parts = [render_table(rows, text, filter_by=JOINT, columns=columns)] if rows else []
     links = _list_links(loop)
     return render_part(parts=[*parts, *([render_table(links, masses)] if links else [])])
 
@@ -194,25 +213,24 @@ def _list_fitted(loop: ClosedLoop) -> list[dict[str, str]]:
             interval = " to ".join(format_number(number(end)) for end in ends)
             rows.append(
                 {"joint": joint, "effect": effect_name(effect), "parameter": parameter_name(name)}
-                | {"before": format_number(number(own.get(name))), "after": format_number(number(value))}
+                | {"before": format_number(number(own.get(name))), "value": format_number(number(value))}
                 | {"95 % interval": "fixed" if None in ends else interval, "unit": units.get(name, "")}
             )
     return rows
 
 
 def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
-    """Rows of the links whose mass was refitted, and of the payload."""
+    """Rows of the links that have a mass, and of the payload."""
     if len(loop.links) < 2:
         return []
     rows: list[dict[str, Any]] = []
-    for link, (mass, place) in loop.links["after"].items():
-        before, _ = loop.links["before"].get(link, (np.nan, ()))
-        rows.append({"body": link, "mass before [kg]": before, "mass after [kg]": mass})
-        rows[-1]["centre of mass [m]"] = ", ".join(format_number(one) for one in place)
+    bodies = [(name, *one) for name, one in loop.links["after"].items() if one[0] > 0.0]
     if payload := loop.models["after"].get("payload"):
-        centre = ", ".join(format_number(number(one)) for one in payload["com"])
-        rows.append({"body": "payload, as declared", "mass before [kg]": payload["mass"]})
-        rows[-1] |= {"mass after [kg]": payload["mass"], "centre of mass [m]": centre}
+        bodies.append(("payload, as declared", payload["mass"], tuple(map(number, payload["com"]))))
+    for name, mass, place in bodies:
+        before, _ = loop.links["before"].get(name, (mass if name not in loop.links["after"] else np.nan, ()))
+        rows.append({"body": name, "mass before [kg]": before, "mass after [kg]": mass})
+        rows[-1]["centre of mass [m]"] = ", ".join(format_number(round(one, 6)) for one in place)
     return rows
 
 
@@ -276,55 +294,51 @@ def _colour(card: Mapping[str, Any]) -> str:
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Rows of the table: fitted parameters, a spline's heights as one, fixed ones."""
+    """Rows of the table: fitted parameters, a spline's heights as one; fixed ones with the name."""
     rows = []
     for name, one in entry["parameters"].items():
         ends = " to ".join(format_number(number(end)) for end in one["ci95"])
         value = format_number(number(one["value"]))
         rows.append((parameter_name(name), value, ends, unit_text(one["unit"])))
-    fixed = {parameter_name(name): format_number(number(value)) for name, value in entry["fixed"].items()}
-    rows += [(name, value, "fixed", "") for name, value in fixed.items()]
     heights = [one["value"] for name, one in entry["parameters"].items() if name.startswith("height")]
     if entry["effect"] == UNKNOWN and heights:
         told = f"{format_number(min(heights))} to {format_number(max(heights))}"
         rows = [(f"{len(heights)} heights of a spline", told, "n/a", rows[0][-1])]
-    where = {"joint": entry["joint"], "effect": effect_name(entry["effect"])}
+    fixed = [
+        f"{parameter_name(name)} {format_number(number(value))}" for name, value in entry["fixed"].items()
+    ]
+    told = f" ({', '.join(fixed)})" if fixed else ""
+    where = {"joint": entry["joint"], "effect": f"{effect_name(entry['effect'])}{told}"}
     names = ("parameter", "value", "95 % interval", "unit")
     return [where | dict(zip(names, row, strict=True)) for row in rows]
 
 
 def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
-    """Measured torque and both predictions over the first seconds of a test run; nothing without one."""
-    table = loop.residual
-    own = table[(table["joint"] == joint) & (table["use"] == "test")]
-    if own.empty or not set(_CURVES) <= set(own.columns):
-        return Markup("")
-    rows = own[own["run"] == own["run"].iloc[0]]
-    rows = rows[rows["t"] - rows["t"].iloc[0] <= _SECONDS]
+    """Residual before and after over the signal that it depends on most; nothing where no row counts."""
+    seen = [] if loop.signals is None else [*dominant_signals(loop, joint, most=1), f"qd_{joint}"]
+    signal = [*seen, "t"][0]
+    rows = against_signal(loop, joint, signal)
     rows = rows.iloc[:: max(1, len(rows) // _POINTS)]
-    values = rows[list(_CURVES)].to_numpy(dtype=float, copy=True)
-    values[~rows["counts"].to_numpy(dtype=bool), 1:] = np.nan  # a model says nothing of friction at rest
-    if len(rows) < 2 or not np.isfinite(values).any():
+    x, y = rows["x"].to_numpy(dtype=float), rows[["residual_before", "residual_after"]].to_numpy(dtype=float)
+    if len(rows) < 2 or not np.isfinite(y).all():
         return Markup("")
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    x = (rows["t"] - rows["t"].iloc[0]).to_numpy(dtype=float)
-    x = _WIDTH * x / max(float(x[-1]), 1e-9)
-    y = (_HEIGHT - 4) * (high - values) / max(high - low, 1e-12) + 2
+    (left, right), size = (float(x.min()), float(x.max())), max(float(np.abs(y).max()), 1e-12)
+    across = _WIDTH * (x - left) / max(right - left, 1e-12)
+    down = _HEIGHT * (size - y) / (2 * size)
+    paths = [
+        ("".join(f"M{u:.0f} {v:.1f}h0" for u, v in zip(across, down[:, k], strict=True)), colour)
+        for k, colour in enumerate(("var(--before)", "var(--after)"))
+    ]
     return render_template(
         "loop/curves.html",
         width=_WIDTH,
         height=_HEIGHT,
-        label=f"Measured and predicted torque of {joint} over {_SECONDS:g} s",
-        paths=[(_path(x, y[:, k]), *look) for k, look in enumerate(_CURVES.values())],
+        paths=paths,
+        label=f"Residual of {joint} over {label_signal(loop, signal)}",
+        ends=(format_number(left), format_number(right)),
+        size=f"±{format_number(size)} {loop.verdict['joints'][joint]['unit']}",
+        signal=label_signal(loop, signal),
     )
-
-
-def _path(x: np.ndarray, y: np.ndarray) -> str:
-    """Path of a curve in the small frame, broken where a value is missing."""
-    known = np.isfinite(y)
-    begins = known & ~np.concatenate([[False], known[:-1]])
-    points = [f"{'M' if begins[k] else 'L'}{x[k]:.1f} {y[k]:.1f}" for k in np.flatnonzero(known).tolist()]
-    return "".join(points)
 
 
 def render_measurement(loop: ClosedLoop) -> Markup:
@@ -334,12 +348,20 @@ def render_measurement(loop: ClosedLoop) -> Markup:
         {
             "joint": one["joint"],
             "kind": "good" if one["power"] >= PROMISED else "unsure",
+            "badge": "separates them" if one["power"] >= PROMISED else "may not separate them",
             "text": tell_measurement(one),
             "files": [(one[key], what) for key, what in told.items() if key in one],
         }
         for one in loop.verdict.get("next_measurement") or []
     ]
     return render_template("loop/measurement.html", entries=entries)
+
+
+def _tell_rate(most: float) -> str:
+    """False alarms that a threshold allows; test runs of minutes say too little of an hour."""
+    return (
+        f"at most {format_number(most)} an hour" if most <= _MOST_ALARMS else "not known: record longer runs"
+    )
 
 
 def render_events(loop: ClosedLoop) -> Markup:
@@ -350,7 +372,7 @@ def render_events(loop: ClosedLoop) -> Markup:
     units = {joint: one["unit"] for joint, one in loop.verdict["joints"].items()}
     limits = [
         {"joint": joint, "threshold": one["threshold"], "unit": units.get(joint, "")}
-        | {"false alarms per hour, at most": one["false_alarms_per_hour_at_most"]}
+        | {"false alarms": _tell_rate(one["false_alarms_per_hour_at_most"])}
         for joint, one in (thresholds or {}).items()
     ]
     note = "Pushes or collisions that the corrected model does not predict, in the recording's own time. "

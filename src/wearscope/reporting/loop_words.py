@@ -26,6 +26,8 @@ STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
 #: Most names in a headline.
 _MOST_NAMES = 3
+#: How the note begins on a load that the refitted masses stand in for.
+LOAD = "The refitted masses act as a payload of "
 
 
 def list_shared() -> set[str]:
@@ -99,31 +101,35 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
     left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
     said = [left] if left else []
     said += [f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged"] if unjudged else []
-    rest = join_words(said)
-    if not held and said:
-        if not left:
-            return "unsure", f"Nothing that the declared model lacks is seen, and {rest}."
-        return "bad", f"No effect that the test runs bear out was named, and {rest}."
+    rest, load = join_words(said), tell_load(verdict)
+    nothing = "Nothing else that the" if load else "Nothing that the"
+    if not held and (said or load or doubt_masses(verdict)):
+        rest = rest or tell_unexplained(verdict, small=True) or tell_noise(verdict)
+        rest = f", and {rest}" if rest else ""
+        if left and not load:
+            return "bad", f"No effect that the test runs bear out was named{rest}."
+        masses = "" if said or load else " once its masses are refitted"
+        return "unsure", f"{load}{nothing} declared model lacks is seen{masses}{rest}."
     if not held:
         if small := tell_unexplained(verdict, small=True):
             return "good", f"The declared model suffices within the noise of a run: {small}."
         if noise := tell_noise(verdict):
             return "unsure", f"Nothing that the declared model lacks is seen, but {noise}."
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
-    named: dict[tuple[str, str, bool], list[str]] = {}
+    groups: dict[tuple[str, str, bool], list[Verdict]] = {}
     for one in held:
-        names = (one["effect"], *one["equivalent"])
-        alone = not list_shared().intersection(names)  # joints with the same names are told together
-        told = join_words([*map(effect_name, names)], "or") if alone else name_with_rivals(one)
+        alone = not list_shared().intersection((one["effect"], *one["equivalent"]))
+        told = effect_name(one["effect"]) if alone else name_with_rivals(one)
         told = "a torque without a name" if one["effect"] == UNKNOWN else told
         kept = is_in_model(one)
         doubts = "" if one["status"] == "confirmed" else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
-        named.setdefault((told, doubts, kept), []).append(one["joint"] if alone else "")
-    every = [f"{name}{_tell_where(verdict, joints)}{doubt}" for (name, doubt, _), joints in named.items()]
+        groups.setdefault((told, doubts, kept), []).append(one)
+    every = [f"{_tell_group(verdict, told, own)}{doubts}" for (told, doubts, _), own in groups.items()]
     more_names = [f"and {len(every) - _MOST_NAMES} more"] if len(every) > _MOST_NAMES else []
     lacks = "; ".join([*every[:_MOST_NAMES], *more_names])
-    text = f"The declared model lacks {lacks}. {_tell_gain(verdict, [kept for *_, kept in named])}"
+    gain = _tell_gain(verdict, [kept for *_, kept in groups])
+    text = f"{load}The declared model {'also ' if load else ''}lacks {lacks}. {gain}"
     grown = _tell_growth(verdict)
     certain = [
         one["status"] == "confirmed" and is_in_model(one) and not one["equivalent"]
@@ -131,15 +137,64 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         if one["effect"] != UNKNOWN
     ]
     more = [upper_first(one) for one in (rest, tell_noise(verdict)) if one]
-    kind = "good" if len(certain) == len(held) and all(certain) and not grown and not more else "unsure"
-    return kind, ". ".join([f"{text}{grown}", *more]) + "."
+    sure = len(certain) == len(held) and all(certain) and not grown and not more and not load
+    return "good" if sure else "unsure", ". ".join([f"{text}{grown}", *more]) + "."
+
+
+def _tell_group(verdict: Verdict, told: str, entries: Sequence[Verdict]) -> str:
+    """A name with its joints; and with its rivals, where it has the same ones at each."""
+    if list_shared().intersection(name for one in entries for name in (one["effect"], *one["equivalent"])):
+        return told
+    rivals = {tuple(map(effect_name, one["equivalent"])) for one in entries}
+    where = _tell_where(verdict, [one["joint"] for one in entries])
+    if len(rivals) == 1:
+        return f"{join_words([told, *rivals.pop()], 'or')}{where}"
+    open_at = {one["joint"] for one in entries if one["equivalent"]}
+    return f"{told}{where} (at {len(open_at)} of them other names fit as well)"
+
+
+def tell_rivals(verdict: Verdict) -> str:
+    """Which names these runs do not tell apart, and where; empty where each name is alone."""
+    found: dict[tuple[str, ...], list[Verdict]] = {}
+    for one in verdict["verdict"]:
+        if one["equivalent"]:
+            found.setdefault((one["effect"], *one["equivalent"]), []).append(one)
+    shared = list_shared()
+    told = [
+        name_with_rivals(own[0]) if shared & {*names} else _tell_group(verdict, effect_name(names[0]), own)
+        for names, own in found.items()
+    ]
+    return f"These runs leave open whether it is {'; '.join(told)}." if told else ""
+
+
+def tell_load(verdict: Verdict) -> str:
+    """A load in the place of refitted masses, as a sentence and a space; empty where there is none."""
+    known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
+    return f"{known[0]}. " if known else ""
+
+
+def doubt_masses(verdict: Verdict) -> str:
+    """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
+    shared = [one for one in verdict["verdict"] if one["effect"] in list_shared()]
+    if any(one["status"] == "confirmed" and is_in_model(one) for one in shared):
+        return ""  # the body's error has a name
+    if factors := verdict.get("torque_factors"):
+        low, high = min(factors.values()), max(factors.values())
+        size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
+        where = "" if len(factors) == len(verdict["joints"]) else f" at {join_words(list(factors))}"
+        told = (
+            "the payload, masses, torque constants or positions' scale are off, or a balancer is undeclared"
+        )
+        return f"Torques{where} are {size} times what the URDF's masses need: {told}."
+    if far := verdict.get("far_links"):
+        told = "a load is undeclared, or the URDF is wrong"
+        return f"Masses were refitted far from the URDF at {join_words(far)}: {told}."
+    return ""
 
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
-    """The joints of an effect, where its name has no place yet."""
+    """The joints of an effect."""
     every, joints = list(verdict["joints"]), list(dict.fromkeys(joints))
-    if "" in joints:
-        return ""
     if len(joints) == len(every) > 2:
         return f" at all {len(every)} joints"
     return f" at {join_words(sorted(joints, key=every.index))}"
@@ -153,6 +208,11 @@ def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
         if np.isfinite([before, after]).all() and before > 0:
             found.append((after / before, joint, before, after, one["unit"]))
     return found
+
+
+def falls_anywhere(verdict: Verdict) -> bool:
+    """Whether a joint's error on the test runs falls by more than half a percent."""
+    return any(ratio <= 1.0 - SLIGHT for ratio, *_ in _changes(verdict))
 
 
 def _tell_growth(verdict: Verdict) -> str:
@@ -178,7 +238,7 @@ def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
     ratio, joint, before, after, unit = min(found)
-    if ratio > 1.0 - SLIGHT:
+    if not falls_anywhere(verdict):
         return "On the test runs no joint's error falls by more than half a percent"
     with_it = "With it" if sum(kept) == 1 else "With them"
     if not all(kept):

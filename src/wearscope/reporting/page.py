@@ -15,10 +15,10 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.errors import InputError
-from wearscope.files import load_json
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.labels import count_text
 from wearscope.reporting.page_strip import Strip, unbreak
+from wearscope.storage.files import load_json
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}

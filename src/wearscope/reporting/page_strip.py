@@ -6,7 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from wearscope.files import load_json
+from wearscope.storage.files import load_json
 
 
 def unbreak(text: str) -> str:

@@ -203,7 +203,7 @@ def count_truth(one: Reevaluation) -> str:
 def tell_headline(one: Reevaluation) -> str:
     """Whether the best detector and the SNR change, in two short sentences."""
     changed, sure = _compare_best(one)
-    best = "The best detector stays the same" if sure else "No change of the best detector is sure"
+    best = "The best detector stays the same" if sure else "The best detector may be unchanged"
     if changed:
         best = f"The best detector changes {'; '.join(changed)}"
     rows = one.told[(one.told["question"] == "snr") & (one.told["p_changed"] >= SURE)]

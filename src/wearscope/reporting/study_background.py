@@ -54,14 +54,14 @@ def _chosen(study: Study) -> Markup:
                 "cells": _count_values(rows["state"]),
                 "median fit [%]": float(rows["fit"].median()),
                 "worst fit [%]": float(rows["fit"].min()),
-                "median ceiling [%]": float(rows["ceiling"].median()),
+                "median best possible [%]": float(rows["ceiling"].median()),
                 "kinds": _count_values(rows["kind"]),
                 "answer": "withheld" if fda in study.withheld() else "given",
             }
         )
     note = (
-        "The surrogate chosen for each cell by cross-validation, its fit on runs that no choice saw; "
-        "ceiling: what the noise of a run, known from replicates, leaves."
+        "The surrogate chosen for each cell by cross-validation; its fit on runs that no choice saw. "
+        "Best possible: the best fit that the noise of a run allows."
     )
     return render_table(records, note, cells=cells)
 
@@ -108,10 +108,10 @@ def _assumptions(study: Study) -> list[tuple[str, str]]:
     facts = {
         "Factors": f"{levels}. Each is constant within a test-cycle; temperature is the same in every joint. "
         "The controller believes in the declared payload mass; the robot carries it over (1 + error).",
-        "Distribution of the factors": "Normal about the middle of each range, in coded units. SNR: all "
-        f"factors vary at once, σ = {snr['sigma']:g}, wear from {snr['f0']:g} to "
+        "Distribution of the factors": "Normal about the middle of each range; a coded unit is a quarter of "
+        f"the range. SNR: all factors vary at once, σ = {snr['sigma']:g}, wear from {snr['f0']:g} to "
         f"{snr['f0'] + snr['delta']:g}. Scope: one factor varies, the others are nominal, wear from "
-        f"{scope['f0']:g}. Tails beyond ±2 were not simulated.",
+        f"{scope['f0']:g}. Beyond ±2, the ends of a range, nothing was simulated.",
         "Extrapolation to nominal": _extrapolation(study),
         "Intervals": "95 %. Those of medians, ranks and differences are bootstraps over the cells; shares "
         "have Wilson intervals; those of the surrogates assume independent normal residuals.",

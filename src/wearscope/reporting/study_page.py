@@ -190,8 +190,8 @@ def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
     return render_template(
         "study/detectors.html",
         sentences=sentences,
-        setting=f"wear from {low:g} to {high:g}, every other factor with σ of {setting['sigma']:g} "
-        "coded units",
+        setting=f"wear from {low:g} to {high:g}; every other factor with a standard deviation of "
+        f"{25 * setting['sigma']:.2g} % of its range",
         charts=embed_chart(chart_snr(study), chart_snr_cells(study)),
         ranking=render_table(shown.rename(columns=COLUMNS), cells=cells),
         sources=_sources(study),

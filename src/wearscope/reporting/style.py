@@ -10,7 +10,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from wearscope import tables
+from wearscope.storage import tables
 
 #: Okabe and Ito (2008), colours that people with colour-blindness tell apart; yellow, too faint, left out.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")

@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import altair as alt
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope import tables
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
 from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
+    change_name,
     count_text,
     effect_name,
     join_words,
@@ -35,6 +36,7 @@ from wearscope.reporting.page import (
     render_table,
 )
 from wearscope.reporting.page_strip import Strip
+from wearscope.storage import tables
 
 _OPEN = "changed, cause not told"
 _STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}
@@ -44,6 +46,8 @@ _SHARE = "friction"
 #: Changes that maintenance is for; what `smallest_visible` holds, with its unit and scale.
 _WEARS = {effect.name for effect in list_effects() if effect.is_friction and not effect.is_thermal}
 _MOST_TOLD = 3
+#: Most panels of what changed.
+_MOST_PANELS = 6
 _SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 
 
@@ -141,12 +145,15 @@ def render_tracking(tracking: Tracking) -> str:
     slopes = render_table(
         trends, "Straight line through the later sessions.", filter_by=JOINT, columns=columns
     )
-    friction = embed_chart(chart_trend(names)) + (slopes if trends else "")
+    table = trend_table(tracking)
+    panels = list_panels(tracking, table)
+    charts = [chart_panel(name, *panel) for name, panel in panels.items()]
+    friction = embed_chart(*charts, chart_trend(names, table)) + (slopes if trends else "")
     events = [event for one in outcome["sessions"] for event in one.get("events", [])]
     notes = [one for one in outcome["notes"] if not one.endswith("an event, its rows are left out.")]
     sections = [
         Section("What changed", _outcome(tracking), "changed"),
-        Section("Friction and what changed", friction, "friction"),
+        Section("Over the sessions", friction, "friction"),
         Section("Wear", _wear(outcome["wear"]), "wear"),
         Section("Session by session", _sessions(outcome["sessions"]), "sessions"),
         Section("Events", render_event_table(events, {}) if events else Markup(""), "events"),
@@ -161,7 +168,7 @@ def render_tracking(tracking: Tracking) -> str:
         f"false alarms in {100 * outcome['false_alarm_rate']:.3g} % of sessions",
         f"Made by wearscope {outcome['version'].partition(' (')[0]}.",
         [Choice("joint", "Joint", [(joint, joint) for joint in tracking.joints])],
-        {"trend": trend_table(tracking)},
+        {"trend": table} | {name: rows for name, (*_, rows) in panels.items()},
         {"what": names},
         tracking_strip(tracking),
     )
@@ -171,7 +178,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
     """What changed on a machine in its last session, and what that session cannot tell."""
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
-        f"{effect_name(one['effect'])} at {one['joint']} by {_size(one)} since {one['since']}"
+        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)} since {one['since']}"
         for one in list_first(last["changes"])
     ]
     if len(changes) > _MOST_TOLD:
@@ -216,13 +223,23 @@ def _size(entry: Mapping[str, Any]) -> str:
     return f"{sign}{format_number(entry['change'])} {unit_text(entry['unit'])}".rstrip()
 
 
+def _tell_size(tracking: Tracking, entry: Mapping[str, Any]) -> str:
+    """Size of a change in the last session for the headline; of wear what it adds to friction."""
+    last = tracking.outcome["sessions"][-1]["session"]
+    worn = [one for one in tracking.outcome["wear"] if one["session"] == last]
+    levels = [
+        one["level"] for one in worn if (one["joint"], one["effect"]) == (entry["joint"], entry["effect"])
+    ]
+    return f"(+{format_number(levels[0], 2)} % friction)" if levels else f"by {_size(entry)}"
+
+
 def _ends(ends: Any) -> str:
     return " to ".join(format_number(end) for end in ends)
 
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    said = f"{effect_name(entry['effect'])} of {entry['joint']}: {parameter_name(entry['parameter'])} "
+    said = f"{change_name(entry['effect'], entry['joint'])}: {parameter_name(entry['parameter'])} "
     said += f"{_size(entry)} (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
     if entry.get("anywhere"):
         said += f"; or on the link that {join_words(entry['anywhere'], 'or')} moves"
@@ -235,18 +252,14 @@ def _outcome(tracking: Tracking) -> Markup:
     """Changes of the last session, what it cannot tell, and the smallest that it would show."""
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
-    changes = [*(tell_entry(entry) for entry in last["changes"]), *unknown]
+    changes = [*(upper_first(tell_entry(entry)) for entry in last["changes"]), *unknown]
     parts = [render_part(listed=changes or ["No change is sure."])]
     if hidden := [text for text in last["cannot_tell"] if text not in unknown]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=hidden)]
     seen = [
         {
             "joint": joint,
-            **{
-                f"{name} {unit}": format_number(scale * one[name])
-                for name, unit, scale in _SEEN
-                if name in one
-            },
+            **{f"{name} {unit}": scale * one[name] for name, unit, scale in _SEEN if name in one},
         }
         for joint, one in last["smallest_visible"].items()
     ]
@@ -280,7 +293,8 @@ def _sessions(found: list[dict[str, Any]]) -> Markup:
     records = [
         {
             "session": one["session"],
-            "changes": " ".join(map(tell_entry, one["changes"])) or _tell_open(one["cannot_tell"]),
+            "changes": " ".join(map(tell_entry, list_first(one["changes"])))
+            or _tell_open(one["cannot_tell"]),
             "cannot tell": " ".join(one["cannot_tell"]) or "nothing",
         }
         for one in found
@@ -319,8 +333,10 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
 def trend_table(tracking: Tracking) -> pd.DataFrame:
     """Friction in per cent of the healthy one's, and every other parameter that changed, by session.
 
-    Columns: `session`, `value`, `low`, `high`, `state`, `joint`, `what` (a key of `trend_names`).
+    Columns: `session`, `value`, `low`, `high`, `state`, `joint`, `what` (a key of `trend_names`), `alarm`
+    (where a change would be named; NaN where that is not known).
     """
+    smallest = {one["session"]: one["smallest_visible"] for one in tracking.outcome["sessions"]}
     changes = {(session, one["joint"], one["effect"]) for session, one in tracking.entries()}
     at_joint = {(session, joint) for session, joint, _ in changes}
     unknown = {
@@ -342,6 +358,8 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
                 _OPEN if (one, joint) in unknown else state
                 for one, state in zip(rows.index, states, strict=True)
             ]
+        seen = [smallest.get(one, {}).get(joint, {}).get(_SHARE, np.nan) for one in rows.index]
+        table["alarm"] = 100.0 + 100.0 * np.array(seen) if friction else np.nan
         table["state"] = pd.Series(states, rows.index).mask(rows["healthy"].eq(True), "healthy, held out")
         parts.append(table.reset_index().assign(joint=joint, what=_SHARE if friction else name))
     return pd.concat(parts, ignore_index=True)
@@ -356,39 +374,65 @@ def trend_names(tracking: Tracking) -> dict[str, str]:
     return names
 
 
-def chart_trend(names: Mapping[str, str]) -> Chart:
-    """Values over the sessions; an interval that says nothing may leave the frame."""
-    frame = "max(1.5 * (datum.top - datum.bottom), 0.2 * max(abs(datum.top), abs(datum.bottom)))"
-    base = (
-        named("trend")
-        .transform_joinaggregate(top="max(value)", bottom="min(value)")
-        .transform_calculate(reach=frame, middle="(datum.top + datum.bottom) / 2")
-        .transform_calculate(
-            start="max(datum.low, datum.middle - datum.reach)",
-            end="min(datum.high, datum.middle + datum.reach)",
-        )
-        .encode(
-            x=alt.X("session:N", title=None, sort=None, axis=alt.Axis(labelAngle=-50, labelOverlap=True)),
-            xOffset="joint:N",
-            color=tint("state:N", dict(zip(_STATES, _TINTS, strict=True))),
-            tooltip=tips("joint:N; session:N; value:Q|⟦what⟧|.4; low:Q|95 % from|.4; high:Q|to|.4; state:N"),
-        )
+def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str, str, pd.DataFrame]]:
+    """By name, a panel of each joint and quantity that changed in any session: title, axis and its rows."""
+    firsts = [one for session in tracking.outcome["sessions"] for one in list_first(session["changes"])]
+    wanted: dict[tuple[str, str], None] = {}
+    for one in firsts:
+        what = f"{effect_name(one['effect'])} of {one['joint']}, {parameter_name(one['parameter'])}"
+        wanted[one["joint"], _SHARE if one["effect"] in _WEARS else what] = None
+    for place in range(len(tracking.outcome["sessions"])):
+        wanted |= {(joint, _SHARE): None for joint in tracking.open_changes(place)}
+    names, panels = trend_names(tracking), {}
+    for number, (joint, what) in enumerate([*wanted][:_MOST_PANELS]):
+        rows = table[(table["joint"] == joint) & (table["what"] == what)].drop(columns="what")
+        title = f"Friction of {joint}" if what == _SHARE else upper_first(what)
+        axis = names[what] if what == _SHARE else names[what].rpartition(", ")[2]
+        panels[f"panel-{number}"] = (title, axis, rows)
+    return panels
+
+
+def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> Any:
+    """Values with intervals over the sessions, and where an alarm begins."""
+    looks = {state: look for state, look in _STATES.items() if state in set(table["state"])}
+    tints = dict(zip(_STATES, _TINTS, strict=True))
+    base = named(source).encode(
+        x=alt.X("session:N", title=None, sort=None, axis=alt.Axis(labelAngle=-50, labelOverlap=True)),
+        color=tint("state:N", {state: tints[state] for state in looks}),
+        tooltip=tips(
+            f"joint:N; session:N; value:Q|{title}|.4; low:Q|95 % from|.4; high:Q|to|.4; "
+            "alarm:Q|alarm from|.4; state:N"
+        ),
     )
-    shapes = alt.Scale(domain=[*_STATES], range=[*_STATES.values()])
-    spans = base.mark_rule(strokeWidth=1.5).encode(
-        y=alt.Y("start:Q", title="⟦what⟧", scale=alt.Scale(zero=False)), y2="end:Q"
+    y = alt.Y("value:Q", title=title, scale=alt.Scale(zero=False))
+    shapes = alt.Scale(domain=[*looks], range=[*looks.values()])
+    alarm = base.transform_filter("isValid(datum.alarm)").mark_tick(thickness=2, color="var(--bad)", width=34)
+    return alt.layer(
+        base.mark_rule(strokeWidth=1.5).encode(y=alt.Y("low:Q", title=title), y2="high:Q"),
+        alarm.encode(y="alarm:Q", color=alt.value("var(--bad)")),
+        base.mark_point(size=60, opacity=1, filled=True).encode(
+            y=y, shape=alt.Shape("state:N", title=None, scale=shapes)
+        ),
     )
-    points = base.mark_point(size=55, opacity=1).encode(
-        y="value:Q", shape=alt.Shape("state:N", title=None, scale=shapes)
-    )
+
+
+def chart_panel(name: str, title: str, axis: str, rows: pd.DataFrame) -> Chart:
+    """One joint's quantity that changed, over the sessions."""
+    drawing = _draw_sessions(name, axis, rows).properties(width="container", height=200)
+    return Chart(f"{name}-chart", title, drawing, {name: Source(name, {"joint": "joint"})})
+
+
+def chart_trend(names: Mapping[str, str], table: pd.DataFrame) -> Chart:
+    """What a reader chooses of a joint over the sessions."""
     return Chart(
         "trend-chart",
-        "Over the sessions",
-        alt.layer(spans, points).properties(width="container", height=320),
+        "Any joint",
+        _draw_sessions("trend", "⟦what⟧", table).properties(width="container", height=240),
         {"trend": Source("trend", {"what": "what", "joint": "joint"})},
-        "Friction: RMS torque against that of the healthy machine, along each session's own motion. The 95 % "
-        "intervals hold the session's noise, the error of the reference and the scatter of healthy sessions. "
-        "Each healthy session is compared with the other ones. Where the temperature was not recorded, what "
-        "it does is part of the friction. Joints side by side; filter to see one.",
+        "Red dash: from there on a change would be named. Friction: RMS torque against that of the healthy "
+        "machine, along each session's own motion. The 95 % intervals hold the session's noise, the error of "
+        "the reference and the scatter of healthy sessions. Each healthy session is compared with the other "
+        "ones. Where the temperature was not recorded, what it does is part of the friction.",
         [Choice("what", "Show", list(names.items()))],
+        ["joint"],
     )

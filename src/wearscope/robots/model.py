@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from pydantic import Field, PrivateAttr, ValidationError
 
-from wearscope import limits, tables
+from wearscope import limits
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
@@ -34,6 +34,7 @@ from wearscope.robots.model_file import (
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.storage import tables
 
 
 class RobotModel(Section):

@@ -9,9 +9,9 @@ import yaml
 
 from wearscope import limits, plugins
 from wearscope.errors import InputError, explain_yaml
-from wearscope.files import check_plain
 from wearscope.home import find_home
-from wearscope.plain_yaml import load_plain_yaml
+from wearscope.storage.files import check_plain
+from wearscope.storage.plain_yaml import load_plain_yaml
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
 

@@ -1,10 +1,12 @@
-"""Rotations and rigid-body inertias as arrays: the algebra that URDF intake and dynamics share."""
+"""Rotations and rigid-body inertias as arrays: what URDF intake and dynamics share; full turns."""
 
 from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 Array = NDArray[np.float64]
 
@@ -59,15 +61,7 @@ def add_inertias(inertias: list[Inertia]) -> Inertia:
 
 def rpy_to_matrix(rpy: ArrayLike) -> Array:
     """Rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
-    r, p, y = np.asarray(rpy, dtype=float)
-    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return np.asarray(pin.rpy.rpyToMatrix(np.asarray(rpy, dtype=float)))
 
 
 def matrix_to_rpy(rotation: Array) -> Array:
@@ -103,9 +97,25 @@ def pseudo_inertia(parameters: ArrayLike) -> Array:
     identification", IEEE Robotics and Automation Letters 3(1), 2018, eq. (15).
     """
     pi = np.asarray(parameters, dtype=float)
-    origin = np.array([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])
-    matrix = np.empty((4, 4))
-    matrix[:3, :3] = 0.5 * np.trace(origin) * np.eye(3) - origin
-    matrix[:3, 3] = matrix[3, :3] = pi[1:4]
-    matrix[3, 3] = pi[0]
-    return matrix
+    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
+
+
+#: Share of a turn by which a jump may differ from it, and from which a step of such a position is a jump.
+_NEAR, _HALF = 0.05, 0.5
+
+
+def unwrap_turns(x: Array, turn: float = 2.0 * np.pi) -> tuple[Array, int]:
+    """Position (N,) without its jumps of a full turn, and how many there were.
+
+    Where it stays within a turn, larger steps of the same kind are jumps as well: as between samples that
+    lie far apart.
+    """
+    step = np.diff(x)
+    if not (np.abs(step) > _HALF * turn).any():
+        return x, 0
+    odd = step - ndimage.median_filter(step, 11, mode="nearest")
+    jumps = np.abs(np.abs(odd) - turn) < _NEAR * turn
+    if jumps.any() and np.ptp(x) <= (1.0 + _NEAR) * turn:
+        jumps = np.abs(step) > _HALF * turn
+    turns = np.concatenate([[0.0], np.cumsum(np.sign(step) * jumps)])
+    return x - turn * turns, int(jumps.sum())

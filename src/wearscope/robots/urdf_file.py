@@ -16,6 +16,8 @@ from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 # A limit that a URDF leaves open (continuous joints, no effort or velocity given).
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
+#: What a joint has once.
+_ONCE = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,11 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
     if "world" not in links and any(one.get("link") == "world" for one in robot.findall("joint/parent")):
         links["world"] = Link("world")
     for element in robot.findall("joint"):
+        parts = [one.tag for one in element if isinstance(one.tag, str)]
+        twice = next((one for one in parts if one in _ONCE and parts.count(one) > 1), "")
         joint = _read_joint(element, source)
+        if twice:
+            raise InputError(f"{source}: joint '{joint.name}' has {parts.count(twice)} <{twice}>s; keep one.")
         if joint.name in joints:
             raise InputError(f"{source}: joint name '{joint.name}' is used twice; give each joint its own.")
         for end in (joint.parent, joint.child):

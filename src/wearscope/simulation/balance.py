@@ -19,12 +19,48 @@ import numpy as np
 from numba import njit
 
 from wearscope.simulation.arrays import INNER
-from wearscope.simulation.gear import deflection_slope, invert_deflection
 from wearscope.simulation.terms import evaluate_terms
 
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def deflection(torque, compliance, lost_motion, mesh_torque):
+    """Deflection (motor minus link position) under a torque."""
+    return compliance * torque + 0.5 * lost_motion * np.tanh(torque / mesh_torque)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def deflection_slope(torque, compliance, lost_motion, mesh_torque):
+    """Compliance at a torque."""
+    take_up = np.cosh(min(abs(torque / mesh_torque), 300.0))
+    return compliance + 0.5 * lost_motion / (mesh_torque * take_up * take_up)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def invert_deflection(gap, compliance, lost_motion, mesh_torque):
+    """Torque at a deflection.
+
+    The law is concave beyond rest: Newton's method climbs to the root from a point short of it, which the
+    steepest slope and the far asymptote give.
+    """
+    size = abs(gap)
+    torque = max(
+        size / (compliance + 0.5 * lost_motion / mesh_torque), (size - 0.5 * lost_motion) / compliance
+    )
+    if lost_motion > 0.0:
+        for _ in range(100):
+            change = (size - deflection(torque, compliance, lost_motion, mesh_torque)) / deflection_slope(
+                torque, compliance, lost_motion, mesh_torque
+            )
+            torque += change
+            if abs(change) <= 1e-14 * torque:
+                break
+    return np.copysign(torque, gap)
+
+
 MAX_ITERATIONS = 80
-#: After these iterations only the joint that is furthest beyond break-away is released at a time, and torques
-#: that depend on the load have their slopes probed: between two iterates the load may have changed them.
+#: After these iterations, or where the slopes make the step singular, only the joint that is furthest beyond
+#: break-away is released at a time, and torques that depend on the load have their slopes probed, against all
+#: speeds that move the load.
 PATIENCE = 25
 #: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
 #: convergence still holds; that is looked at after this many steps at the latest.
@@ -74,12 +110,15 @@ def _learn_slopes(terms, state, work, motion):
 
 
 @njit(**INNER)
-def _forget_slopes(terms, state, work):
-    """Ask for the slopes of torques that depend on the load."""
+def _forget_slopes(terms, gears, state, work, w):
+    """Ask for the slopes of torques that depend on the load, which the links in front of rigid gears move."""
     for j in range(len(state.mode)):
         if terms.loaded[j] and state.mode[j] != 0:
             state.slope[j] = np.nan
             work.old_mode[j] = 0
+        for c in range(len(state.mode)):
+            rigid = terms.loaded[j] and not (gears.flexible[j] or gears.flexible[c])
+            work.inertia[j, c] = w.mass_matrix[j, c] if rigid else 0.0
 
 
 @njit(**INNER)
@@ -178,7 +217,7 @@ def _correct(gears, terms, state, work, motion, w, h, ends):
         elif mode[j] != 0:
             a[j, j] += h * motor
             b[j] = h * (work.need[j] - work.high[j])
-            if terms.coupled[j]:
+            if terms.coupled[j] or work.inertia[j, j] > 0.0:
                 for c in range(n):
                     if c != j:
                         a[j, c] += h * work.jacobian[j, c]
@@ -325,14 +364,16 @@ def balance_part(
         WHOLE; the share of the part after which a motor, `work.turning`, turns; or NO_BALANCE.
     """
     _begin(law, state, work, motion, gears, w, k, at, h, h if ends else 2.0 * h, dt)
-    before = 0.0
+    work.inertia[:] = 0.0
+    before, careful = 0.0, False
     for iteration in range(MAX_ITERATIONS):
         _load_links(state, work, motion, w, h)
-        if iteration > PATIENCE:
-            _forget_slopes(terms, state, work)
+        careful = careful or iteration > PATIENCE
+        if careful:
+            _forget_slopes(terms, gears, state, work, w)
         evaluate_terms(
-            rows, terms, state.mode, state.y, state.slope, work.jacobian, motion, work.low, work.high,
-            t, h, temperature, wear,
+            rows, terms, state.mode, state.y, state.slope, work.jacobian, work.inertia, motion, work.low,
+            work.high, t, h, temperature, wear,
         )  # fmt: skip
         _learn_slopes(terms, state, work, motion)
         missing = _balance(law, gears, state, work, motion, at)
@@ -346,13 +387,16 @@ def balance_part(
             state.pace[0], state.pace[1] = missing / before, 0.0
         if missing <= 1.0:
             # What a motor at rest needs is known only now.
-            if not _release(gears, state, work, motion, iteration > PATIENCE):
+            if not _release(gears, state, work, motion, careful):
                 return WHOLE if ends else _find_turn(state, work, motion)
             before = 0.0
             continue
         turned = _correct(gears, terms, state, work, motion, w, h, ends)
         if turned < 0:
-            return NO_BALANCE
+            if careful:
+                return NO_BALANCE
+            careful = True
+            continue
         if not ends:
             for j in range(len(state.mode)):
                 if motion.speed[j] * state.mode[j] < 0.0:

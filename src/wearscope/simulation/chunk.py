@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from wearscope.cycles.base import Cycle, Reference
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SelfTestError, SimulationError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.numbers import set_numbers
-from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.packed import point_path
 from wearscope.simulation.recording import read_fingerprint, write_recording
 from wearscope.simulation.sensors import seed_of

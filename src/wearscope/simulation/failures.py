@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile
+from wearscope.storage.files import DamagedFile
 
 #: Reason in one line by set and point.
 Failures = dict[tuple[str, int], str]

@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 
 from wearscope.cycles.base import Cycle, Reference, check_reference
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SelfTestError, SimulationError
 from wearscope.robots.model import RobotModel, check_effects, check_temperature
 from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, set_numbers
 from wearscope.simulation.chunk import DEFAULT_DWELL
-from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.sensors import check_rate, find_stride
 from wearscope.simulation.study import Conditions, simulate_points
 

@@ -3,9 +3,14 @@
 import numpy as np
 
 from wearscope.effects.base import Plant, load_effect
-from wearscope.effects.stated_by_drive import STATED_BY_DRIVE
+from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 from wearscope.robots.model import RobotModel, check_effects
 from wearscope.simulation.arrays import Gears
+
+#: Effects whose value the drive section of a robot's model may state, in the order of their installation;
+#: imported by name, so that whatever simulates a robot is seen to depend on their files.
+STATED_BY_DRIVE = (ROTOR_INERTIA,)
+
 
 #: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the
 #: lost motion, so that the deflection law can be inverted.

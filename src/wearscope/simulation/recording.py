@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from wearscope import tables
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
+from wearscope.storage import tables
 
 COLUMNS = ("t", "joint", "q", "qd", "tau")
 
@@ -91,7 +91,7 @@ def write_recording(
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of a recording, every byte checked; None where none is whole or it has none."""
+    """Fingerprint of a recording whose pages hold; None where none is whole or it has none."""
     try:
         table = tables.read_arrow(path, list(COLUMNS))
     except tables.DamagedFile:
@@ -117,7 +117,7 @@ def read_recording(
     fingerprint: str | None = None,
     content: bytes | None = None,
 ) -> Recording:
-    """Read a run, every byte checked.
+    """Read a run, its pages checked by their checksums.
 
     Parameters
     ----------
@@ -141,6 +141,8 @@ def read_recording(
         raise tables.DamagedFile(
             path, f"{path}: is the recording of another point or setting; delete it and simulate it again."
         )
+    if table.column("joint").type != pa.dictionary(pa.int32(), pa.string()):
+        raise tables.DamagedFile(path, f"{path}: holds no names of joints; delete it and simulate it again.")
     column = table.column("joint").combine_chunks()
     if isinstance(column, pa.ChunkedArray):
         column = column.chunk(0)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wearscope.effects.base import Plant
+from wearscope.errors import SimulationError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import (
@@ -18,10 +19,9 @@ from wearscope.simulation.arrays import (
     make_state,
     make_work,
 )
+from wearscope.simulation.balance import deflection
 from wearscope.simulation.chain import build_chain, write_plant_urdf
 from wearscope.simulation.dynamics import make_scratch, mass_and_bias
-from wearscope.simulation.errors import SimulationError
-from wearscope.simulation.gear import deflection
 from wearscope.simulation.plant import build_gears
 from wearscope.simulation.step import advance_block
 from wearscope.simulation.terms import order_terms, pack_terms

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 
 from wearscope.cycles.base import Cycle, Reference, find_coarse_step, required_torque
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.numbers import Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.chunk import DEFAULT_DWELL
-from wearscope.simulation.errors import SimulationError
 from wearscope.simulation.feasibility import Ranges
 from wearscope.simulation.study import Conditions, simulate_point
 

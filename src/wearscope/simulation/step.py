@@ -16,14 +16,13 @@ from pathlib import Path
 
 from numba import njit
 
-from wearscope.simulation.arrays import INNER
+from wearscope.simulation.arrays import INNER, borrow, borrow_rows
 from wearscope.simulation.balance import NO_BALANCE, REST, WHOLE, balance_part
-from wearscope.simulation.borrow import borrow, borrow_rows
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.terms import remember, share_out
 
 #: Modules of this room that the compiled step is made of.
-SOURCES = ("arrays", "balance", "borrow", "chain", "dynamics", "gear", "step", "terms")
+SOURCES = ("arrays", "balance", "chain", "dynamics", "step", "terms")
 #: A step that more parts do not end is taken whole with the torques at its end.
 MAX_PARTS = 24
 #: Share of a step that is no time: a motor that turns within it is at rest already.

@@ -8,20 +8,18 @@ import numpy as np
 
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SelfTestError, SimulationError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
-from wearscope.simulation.bullet import pybullet
 from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.errors import SelfTestError, SimulationError
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import run_motion
 from wearscope.simulation.sensors import find_stride, record
-from wearscope.simulation.world import World, prove_world
+from wearscope.simulation.world import World, prove_world, pybullet
 
 T = TypeVar("T")
 

@@ -30,7 +30,7 @@ class Terms(NamedTuple):
     coupled : ndarray of bool (n,)
         Whether a term of the joint depends on the motion of another joint.
     loaded : ndarray of bool (n,)
-        Whether one depends on the load of the joint's links, of which no slope is probed.
+        Whether one depends on the load of the joint's links, by which all joints' accelerations move it.
     out : ndarray (widest,)
     """
 
@@ -127,23 +127,30 @@ def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
 
 
 @njit(cache=True, error_model="numpy")
-def _probe_slopes(row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear):
-    """Add the slopes of a term's torque against the speeds that it may depend on."""
+def _probe_slopes(
+    row, terms, i, here, mode, speed_before, jacobian, inertia, j, t, dt, motion, temperature, wear
+):  # fmt: skip
+    """Add the slopes of a term's torque against the speeds that it may depend on.
+
+    The load moves with the accelerations by `inertia` (n, n), that of the links in front of rigid gears.
+    """
+    load, moves_load = motion.load[j], terms.loaded[j] and inertia[j, j] > 0.0
     for other in range(len(mode)):
-        if mode[other] == 0 or (other != j and not terms.coupled[j]):
+        if mode[other] == 0 or (other != j and not (terms.coupled[j] or moves_load)):
             continue
         speed, probe = motion.speed[other], PROBE * mode[other]
         motion.speed[other] = speed + probe
         motion.acceleration[other] = (speed + probe - speed_before[other]) / dt
+        motion.load[j] = load + inertia[j, other] * probe / dt
         probed = _evaluate(row, terms, i, terms.next_state, j, t, dt, motion, temperature, wear)
-        motion.speed[other] = speed
+        motion.speed[other], motion.load[j] = speed, load
         motion.acceleration[other] = (speed - speed_before[other]) / dt
         jacobian[j, other] += (probed - here) / probe
 
 
 @njit(cache=True, **INNER)
 def evaluate_terms(
-    rows, terms, mode, speed_before, slope, jacobian, motion, low, high, t, dt, temperature, wear
+    rows, terms, mode, speed_before, slope, jacobian, inertia, motion, low, high, t, dt, temperature, wear
 ):
     """Torque of the effects at each motor, and its slopes where they are asked for.
 
@@ -159,6 +166,8 @@ def evaluate_terms(
         NaN asks for the slope of a moving joint's torque against its own speed; so does a coupled joint.
     jacobian : ndarray (n, n)
         Receives the slopes of coupled joints' torques against the others' speeds.
+    inertia : ndarray (n, n)
+        By which accelerations move the loads; zero where slopes are not to hold that.
     motion : Motion
     low, high : ndarray (n,)
         Receive the torque; both sides of rest for a joint at rest.
@@ -194,8 +203,9 @@ def evaluate_terms(
             continue
         if terms.coupled[j] or np.isnan(slope[j]):
             _probe_slopes(
-                row, terms, i, here, mode, speed_before, jacobian, j, t, dt, motion, temperature, wear
-            )
+                row, terms, i, here, mode, speed_before, jacobian, inertia, j, t, dt, motion, temperature,
+                wear,
+            )  # fmt: skip
     for j in range(n):
         if mode[j] != 0:
             low[j] = high[j]

@@ -1,16 +1,57 @@
 """The PyBullet world: a robot with everything off that is not rigid-body dynamics, and the proof of it."""
 
 import os
+import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
+from wearscope.errors import SelfTestError, SimulationError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
-from wearscope.simulation.bullet import pybullet as pb
 from wearscope.simulation.chain import write_plant_urdf
-from wearscope.simulation.errors import SelfTestError, SimulationError
+
+BANNER = b"pybullet build time:"
+
+
+@contextmanager
+def drop_banner() -> Iterator[None]:
+    """Hold back what is written to standard error, also by C code, and pass on all but PyBullet's banner.
+
+    What was held back is passed on too where the body raises. Without a standard error, or room for a
+    temporary file, nothing is held back.
+    """
+    try:
+        held = tempfile.TemporaryFile()
+        kept = os.dup(2)
+    except OSError:
+        yield
+        return
+    _flush()
+    with held:
+        os.dup2(held.fileno(), 2)
+        try:
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, 2)
+            os.close(kept)
+            held.seek(0)
+            for line in held:
+                if not line.startswith(BANNER):
+                    os.write(2, line)
+
+
+def _flush() -> None:
+    if sys.stderr is not None:
+        sys.stderr.flush()
+
+
+with drop_banner():
+    import pybullet
+
 
 #: Faster than any joint: PyBullet clips joint speeds at 100 rad/s by default.
 MAX_JOINT_VELOCITY = 1e6
@@ -25,11 +66,11 @@ class World:
     """
 
     def __init__(self) -> None:
-        self.client = pb.connect(pb.DIRECT)
+        self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise SimulationError("PyBullet gives no further client; close worlds that are no longer used.")
         # Nothing collides: the plain list of bodies costs a sixth less a step than the tree of boxes.
-        pb.resetSimulation(pb.RESET_USE_SIMPLE_BROADPHASE, physicsClientId=self.client)
+        pybullet.resetSimulation(pybullet.RESET_USE_SIMPLE_BROADPHASE, physicsClientId=self.client)
         self.body = -1
 
     def __enter__(self) -> "World":
@@ -55,9 +96,9 @@ class World:
         self.joints = list(joints)
         c = self.client
         if self.body >= 0:
-            pb.removeBody(self.body, physicsClientId=c)
-        pb.setGravity(*gravity, physicsClientId=c)
-        pb.setPhysicsEngineParameter(
+            pybullet.removeBody(self.body, physicsClientId=c)
+        pybullet.setGravity(*gravity, physicsClientId=c)
+        pybullet.setPhysicsEngineParameter(
             fixedTimeStep=dt,
             numSubSteps=0,
             deterministicOverlappingPairs=1,
@@ -68,20 +109,20 @@ class World:
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(urdf_text)
-            self.body = pb.loadURDF(
+            self.body = pybullet.loadURDF(
                 path,
                 useFixedBase=True,
-                flags=pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_MAINTAIN_LINK_ORDER,
+                flags=pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER,
                 physicsClientId=c,
             )
         finally:
             os.unlink(path)
         found = {}
-        for index in range(pb.getNumJoints(self.body, physicsClientId=c)):
-            found[pb.getJointInfo(self.body, index, physicsClientId=c)[1].decode()] = index
+        for index in range(pybullet.getNumJoints(self.body, physicsClientId=c)):
+            found[pybullet.getJointInfo(self.body, index, physicsClientId=c)[1].decode()] = index
         self.indices = tuple(found[name] for name in self.joints)
         for index in [-1, *self.indices]:
-            pb.changeDynamics(
+            pybullet.changeDynamics(
                 self.body,
                 index,
                 linearDamping=0.0,
@@ -91,17 +132,17 @@ class World:
                 physicsClientId=c,
             )
         # Every joint starts with a velocity motor that holds it.
-        pb.setJointMotorControlArray(
+        pybullet.setJointMotorControlArray(
             self.body,
             self.indices,
-            pb.VELOCITY_CONTROL,
+            pybullet.VELOCITY_CONTROL,
             forces=[0.0] * len(self.indices),
             physicsClientId=c,
         )
 
     def set_state(self, q: Array, v: Array) -> None:
         """Put the joints at position `q` and speed `v` (n,)."""
-        pb.resetJointStatesMultiDof(
+        pybullet.resetJointStatesMultiDof(
             self.body,
             self.indices,
             [[float(x)] for x in q],
@@ -111,13 +152,13 @@ class World:
 
     def read_state(self) -> tuple[Array, Array]:
         """Position and speed (n,) of the joints."""
-        states = pb.getJointStates(self.body, self.indices, physicsClientId=self.client)
+        states = pybullet.getJointStates(self.body, self.indices, physicsClientId=self.client)
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
     def advance(self, torques: Array) -> None:
         """Apply joint torques (K, n), one row a step."""
-        body, indices, mode, client = self.body, self.indices, pb.TORQUE_CONTROL, self.client
-        apply, step = pb.setJointMotorControlArray, pb.stepSimulation
+        body, indices, mode, client = self.body, self.indices, pybullet.TORQUE_CONTROL, self.client
+        apply, step = pybullet.setJointMotorControlArray, pybullet.stepSimulation
         for row in zip(*torques.T.tolist(), strict=True):
             # Positions, speeds, forces and gains: torque control reads the forces alone, and to name them
             # would take a quarter of the call.
@@ -127,7 +168,7 @@ class World:
     def close(self) -> None:
         """End the client."""
         if self.client >= 0:
-            pb.disconnect(physicsClientId=self.client)
+            pybullet.disconnect(physicsClientId=self.client)
             self.client = -1
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from wearscope import tables
 from wearscope.errors import escape_text
-from wearscope.files import copy_file
 from wearscope.starters.conversion import Converted
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.uses import Recorded
 from wearscope.starters.writing import quote
+from wearscope.storage import tables
+from wearscope.storage.files import copy_file
 
 
 def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 
 from wearscope.checking.own_code import make_batch
-from wearscope.example import example_dataset
-from wearscope.files import copy_file
-from wearscope.home import find_home
+from wearscope.home import example_dataset, find_home
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.spatial import Array
 from wearscope.starters.writing import new_folder
+from wearscope.storage.files import copy_file
 
 #: Test-cycle by day of recording.
 DAYS = {

@@ -22,7 +22,8 @@ _BY_TURNS = 0.5
 
 def find_hold(x: Array) -> int:
     """Rows for which a channel (N,) keeps each of its values; 1 where each row may have a new one."""
-    steps = np.diff(x)
+    with np.errstate(invalid="ignore"):  # between values that are infinite there is no step
+        steps = np.diff(x)
     at = np.flatnonzero(steps)
     gaps = np.diff(at)
     if len(gaps) < _FEWEST:

@@ -12,8 +12,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import DamagedFile, read_json
-from wearscope.tables import check_unpacked
+from wearscope.storage.files import DamagedFile, read_json
+from wearscope.storage.tables import check_unpacked
 
 #: Features of joints and the word of their kind; names of single values may hold another.
 _FEATURES = {

@@ -12,17 +12,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from wearscope import tables
 from wearscope.cycles.base import load_cycle
-from wearscope.example import example_dataset
-from wearscope.files import copy_file
-from wearscope.home import find_home
+from wearscope.home import example_dataset, find_home
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import simulate_point
 from wearscope.starters.mapped import DECLARED
 from wearscope.starters.writing import new_folder
+from wearscope.storage import tables
+from wearscope.storage.files import copy_file
 
 JOINTS = 3
 #: Recorded samples per second [Hz], and the step [s].

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wearscope.servos import ServoFields
+from wearscope.robots.servos import ServoFields
 
 DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 

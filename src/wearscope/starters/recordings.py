@@ -16,17 +16,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wearscope import limits
-from wearscope.errors import InputError, escape_text
-from wearscope.extras import need
-from wearscope.files import check_plain
-from wearscope.plain_yaml import load_plain_yaml
+from wearscope.errors import InputError, escape_text, need
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states
-from wearscope.starters.text_files import read_text
-from wearscope.tables import check_unpacked, to_frame
+from wearscope.starters.text_files import SIGNS, read_text
+from wearscope.storage.files import check_plain
+from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.tables import check_unpacked, to_frame
 
-_BROKEN = (OSError, EOFError, ValueError, NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile)
+_BROKEN = (
+    OSError,
+    EOFError,
+    ValueError,
+    TypeError,
+    NotImplementedError,
+    RuntimeError,
+    zlib.error,
+    zipfile.BadZipFile,
+)
 #: Message type of joint states.
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _BAGS = (".mcap", ".db3", ".bag")
@@ -84,17 +92,19 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
         if isinstance(x.dtype, np.dtype) and x.dtype.kind in "iuf":
             x = x.astype(np.float64 if x.dtype.kind == "f" else x.dtype.newbyteorder("="))
         elif x.dtype.kind in "cV" or x.map(_is_deep).any():
-            told = "holds values of several parts, or named ones"
+            told = "holds bytes, or values of several or named parts"
             raise InputError(f"{path}: column '{name}' {told}; give each a column of its own.")
+        elif x.dtype.kind == "O":
+            x = x.map(lambda cell: cell.translate(SIGNS) if isinstance(cell, str) else cell)
         columns[name] = x
     return pd.DataFrame(columns, index=frame.index)
 
 
 def _is_deep(cell: object) -> bool:
-    """Whether a cell holds more than a value or a plain list of values."""
+    """Whether a cell holds bytes, or more than a value or a plain list of values."""
     if isinstance(cell, list | tuple | np.ndarray):
         return any(isinstance(one, dict | list | tuple | np.ndarray) for one in cell)
-    return isinstance(cell, dict)
+    return isinstance(cell, dict | bytes)
 
 
 def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:

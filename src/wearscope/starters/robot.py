@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from wearscope.errors import InputError
-from wearscope.files import copy_file
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.friction_law import SOURCE, friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel
@@ -18,6 +17,7 @@ from wearscope.robots.urdf import movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
 from wearscope.starters.figures import Figures, assume, choose, round_figures, take_option
 from wearscope.starters.limits import START_TIME, fit_to_cycles
+from wearscope.storage.files import copy_file
 
 # Beyond these nothing is a robot's joint [rad or m; per s].
 LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 5e-3, 1e3

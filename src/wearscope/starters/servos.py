@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from wearscope.errors import InputError
+from wearscope.robots.servos import COLUMNS, ServoFields, read_servo
 from wearscope.robots.spatial import Array
-from wearscope.servos import COLUMNS, ServoFields, read_servo
 from wearscope.starters.columns import Group, find_groups, is_commanded, match_pattern
 
 #: Constants at the output shaft. Rhoban/bam (Apache-2.0, ``params/<servo>/m6.json``) publishes them as fitted

@@ -8,12 +8,12 @@ from pathlib import Path
 from wearscope.checking.robot import find_idle_factors
 from wearscope.config import label
 from wearscope.errors import InputError
-from wearscope.files import copy_file
 from wearscope.home import find_home
 from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote
+from wearscope.storage.files import copy_file
 
 #: Who lends wear and temperature to a model that has none, such as that of a closed loop.
 LENDER = "medium"

@@ -23,7 +23,7 @@ _NUMBERS, _ROW = 0.5, 0.8
 #: The D of an exponent as Fortran writes it.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 #: Signs as in print.
-_SIGNS = {0x2212: "-", 0x2013: "-"}
+SIGNS = {0x2212: "-", 0x2013: "-"}
 #: Share of a column's cells that may be damaged.
 _FEW_ODD = 0.01
 
@@ -99,10 +99,12 @@ def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, li
 
 
 def _find_encoding(path: Path) -> str:
-    """UTF-16 by its mark, UTF-8 where all of the file is such, else Latin-1."""
+    """UTF-16 and UTF-32 by their marks, UTF-8 where all of the file is such, else Latin-1."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         block = file.read(1 << 20)
+        if block[:4] in (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE):
+            return "utf-32"
         if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
             return "utf-16"
         try:
@@ -123,7 +125,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(_FORTRAN.sub("e", text.translate(_SIGNS)))
+        float(_FORTRAN.sub("e", text.translate(SIGNS)))
         return True
     except ValueError:
         return False
@@ -219,7 +221,7 @@ def _to_numbers(column: pd.Series, point: str) -> pd.Series:
     """Numbers of a column in which a few cells are none, as in a line of sums, or have marks by thousands."""
     mark, text = "." if point == "," else ",", column.astype(str).str.strip()
     grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
-    text = text.str.translate(_SIGNS)
+    text = text.str.translate(SIGNS)
     text = text.str.replace(_FORTRAN, "e", regex=True)
     text = text.where(~grouped, text.str.replace(mark, "", regex=False)).str.replace(point, ".", regex=False)
     numbers = pd.to_numeric(text, errors="coerce")

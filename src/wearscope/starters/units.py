@@ -9,13 +9,12 @@ import numpy as np
 import pandas as pd
 
 from wearscope.errors import InputError
-from wearscope.robots.spatial import Array
+from wearscope.robots.spatial import Array, unwrap_turns
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint
 from wearscope.starters.columns import SHARES, Group, split_name
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.groups import choose_groups
 from wearscope.starters.mapped import Mapped
-from wearscope.turns import unwrap_turns
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from pydantic import BaseModel
 
 from wearscope.errors import InputError
-from wearscope.files import FULL, explain_unwritten
+from wearscope.storage.files import FULL, explain_unwritten
 
 _TEMPLATES = Environment(
     loader=PackageLoader("wearscope.starters"), undefined=StrictUndefined, keep_trailing_newline=True
@@ -60,6 +61,25 @@ def write_files(files: Mapping[Path, str]) -> None:
             path.write_text(text, encoding="utf-8")
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place.") from None
+
+
+def write_schema(folder: Path, fields: type[BaseModel]) -> str:
+    """Write the JSON Schema of a YAML file's fields into its folder.
+
+    Parameters
+    ----------
+    folder : Path
+    fields : type
+
+    Returns
+    -------
+    str
+        First line of the YAML file, by which editors find the schema.
+    """
+    (folder / "schema.json").write_text(
+        json.dumps(fields.model_json_schema(), indent=2) + "\n", encoding="utf-8"
+    )
+    return "# yaml-language-server: $schema=schema.json\n"
 
 
 @contextmanager

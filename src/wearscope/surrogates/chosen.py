@@ -19,7 +19,7 @@ from wearscope.surrogates.fitting import (
     surrogates_of,
     usable_points,
 )
-from wearscope.surrogates.goodness import model_fit, pure_error
+from wearscope.surrogates.kinds.base import model_fit, pure_error
 from wearscope.surrogates.selection import CHOSEN, KINDS, ChosenSurrogate, choose_surrogate, rebuild_surrogate
 from wearscope.surrogates.surrogate import Surrogate
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from wearscope.surrogates.goodness import model_fit, pure_error
-from wearscope.surrogates.kinds.base import FittedSurrogate
+from wearscope.surrogates.kinds.base import FittedSurrogate, model_fit, pure_error
 from wearscope.surrogates.kinds.gaussian_process import (
     BENT_GAUSSIAN_PROCESS,
     GAUSSIAN_PROCESS,

@@ -18,7 +18,7 @@ from wearscope.surrogates.fitting import (
     read_surrogate,
     usable_points,
 )
-from wearscope.surrogates.goodness import model_fit, pure_error
+from wearscope.surrogates.kinds.base import model_fit, pure_error
 from wearscope.surrogates.surrogate import Surrogate
 
 

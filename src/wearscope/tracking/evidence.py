@@ -2,7 +2,7 @@
 
 The torque that a session leaves of the reference's prediction is y = Z d + C b + e: the changes d, random
 effects b and autocorrelated noise e. Random effects are the error of the reference's parameters, temperatures
-that nobody recorded, and what healthy sessions scatter (`wearscope.tracking.scatter`). They are part of every
+that nobody recorded, and what healthy sessions scatter. They are part of every
 fit, and what they have to explain is charged to it. Sets a and b are compared in nats by
 
     ln BF = sum_j nu_j / 2 ln((L_j(a) + f_j) / (L_j(b) + f_j)) - (cost(b) - cost(a))
@@ -24,6 +24,10 @@ from wearscope.tracking.changes import BODY, Change
 from wearscope.tracking.rows import RunRows, reduce_columns, scatter_columns
 from wearscope.tracking.structure import Belief, Structure
 
+#: Prior scatter, as a share of the joint's friction and of its whole torque, and the sessions it is worth.
+PRIOR_FRICTION, PRIOR_TORQUE, _PRIOR_SESSIONS = 0.01, 0.003, 3.0
+#: What each of `scatter_columns` scatters a priori.
+_PRIOR = (PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_TORQUE, PRIOR_TORQUE)
 #: Rows beyond which more say nothing of a form that is not exact; share of a session's change, mean square,
 #: that no form follows; parts that are held out.
 _MOST_ROWS, _FORM, _FOLDS = 250.0, 1e-4, 5
@@ -301,6 +305,39 @@ class Evidence:
             scale = 1.4826 * np.nan_to_num(np.nanmedian(seen, axis=0), nan=1.0)
             weight = self.keep / self.variance * np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-300))
         return np.asarray(self.y - x @ theta)
+
+
+def prior_scatter(structure: Structure) -> np.ndarray:
+    """Standard deviation of each of `scatter_columns` before any healthy session is seen."""
+    return np.tile(_PRIOR, len(structure.moving))
+
+
+def measure_scatter(
+    structure: Structure, healthy: Sequence[Evidence], made: Sequence[Sequence[RunRows]]
+) -> np.ndarray:
+    """Standard deviation of each of `scatter_columns` between healthy sessions, each against the others.
+
+    Parameters
+    ----------
+    structure : Structure
+    healthy : sequence of Evidence
+        Each session with what the others say of the machine.
+    made : sequence of sequence of RunRows
+        Rows of each.
+    """
+    prior = prior_scatter(structure)
+    square = np.zeros_like(prior)
+    for evidence, rows in zip(healthy, made, strict=True):
+        x = np.concatenate([scatter_columns(structure, r) for r in rows])
+        left = evidence.fit(()).left * evidence.keep
+        for k, j in enumerate(np.repeat(structure.moving, len(_PRIOR))):
+            d = x[:, j, k] * evidence.keep[:, j]
+            size = max(float(d @ d), 1e-300)
+            noise = float(left[:, j] @ left[:, j]) / evidence.count[j] / size
+            square[k] += max(
+                (float(d @ left[:, j]) / size) ** 2 - noise * evidence.design(d * left[:, j]), 0.0
+            )
+    return np.asarray(np.sqrt((_PRIOR_SESSIONS * prior**2 + square) / (_PRIOR_SESSIONS + len(healthy))))
 
 
 def invert(matrix: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from wearscope.tracking.worn import record_worn
 def record_assessment(assessment: Assessment, reference: Reference) -> dict[str, Any]:
     """Record of a later session: its changes, its table's rows and its series."""
     entries = list_entries(assessment, reference)
-    estimates = list_estimates(reference, assessment.evidence, assessment.named)
+    estimates = list_estimates(reference, assessment.evidence, assessment.named, assessment.felt)
     told = {(e["joint"], e["effect"], e["parameter"]): e for e in entries if e["unit"] == "kg"}
     for row in estimates["rows"]:
         entry = told.get((row["joint"], row["effect"], row["parameter"]))
@@ -38,10 +38,13 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
 
 def record_healthy(reference: Reference, healthy: Sequence[Healthy]) -> list[dict[str, Any]]:
     """Records of the healthy sessions, each against the others."""
-    return [
-        {"session": one.name, **list_estimates(reference, reference.weigh(one.made, belief=one.belief), ())}
-        for one in healthy
-    ]
+    structure, records = reference.structure, []
+    recorded = bool(np.isfinite(structure.temperature[structure.moving]).all())
+    for one in healthy:
+        evidence = reference.weigh(one.made, belief=one.belief)
+        felt = evidence if recorded else reference.weigh(one.made, belief=one.belief, of_temperature=False)
+        records.append({"session": one.name, **list_estimates(reference, evidence, (), felt)})
+    return records
 
 
 def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -65,19 +68,22 @@ def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]
     }
 
 
-def list_estimates(reference: Reference, evidence: Evidence, named: Sequence[Change]) -> dict[str, Any]:
+def list_estimates(
+    reference: Reference, evidence: Evidence, named: Sequence[Change], felt: Evidence
+) -> dict[str, Any]:
     """Rows of ``changes.parquet`` and series: each change given those that are named.
 
-    Of each joint's friction there is one row of its RMS torque. A series holds a change's share of its
-    joint's friction or torque, signed, and its standard error.
+    Of each joint's friction there is one row of its RMS torque, as it was `felt`. A series holds a change's
+    share of its joint's friction or torque, signed, and its standard error.
     """
     structure, rows, series = reference.structure, [], {}
     for change in evidence.changes:
         rest = [c for c in named if (c.kind, c.joint) != (change.kind, change.joint)]
-        fit = evidence.fit([*rest, change])
         if not np.any(evidence.z[:, :, evidence.at[change.key]]):
             continue
-        share, error = measure_share(evidence, fit, change)
+        weighed = felt if change.name == FRICTION else evidence
+        fit = weighed.fit([*rest, change])
+        share, error = measure_share(weighed, fit, change)
         series[change.key] = [share, error]
         p, joint, is_named = fit.p_value(change), structure.joints[change.joint], change in named
         if change.name == FRICTION:

@@ -18,9 +18,14 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.vocabulary import plain_friction
 from wearscope.robots.model import RobotModel
 from wearscope.tracking.changes import Change, list_changes, plain_term
-from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence
+from wearscope.tracking.evidence import (
+    FALSE_ALARM_RATE,
+    PRIOR_FRICTION,
+    Evidence,
+    measure_scatter,
+    prior_scatter,
+)
 from wearscope.tracking.rows import RunRows, make_rows
-from wearscope.tracking.scatter import PRIOR_FRICTION, measure_scatter, prior_scatter
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.sessions import read_reference

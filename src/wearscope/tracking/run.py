@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.intake.data_folder import digest_dataset
 from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.effects.base import load_effect
-from wearscope.provenance import read_commit
 from wearscope.robots.model import save_model
+from wearscope.storage import tables
+from wearscope.storage.provenance import read_commit
 from wearscope.tracking.changes import FRICTION
-from wearscope.tracking.evidence import FALSE_ALARM_RATE
+from wearscope.tracking.evidence import FALSE_ALARM_RATE, PRIOR_FRICTION
 from wearscope.tracking.records import collect_series, describe_reference, record_assessment, record_healthy
 from wearscope.tracking.reference import Reference, identify_reference
-from wearscope.tracking.scatter import PRIOR_FRICTION
 from wearscope.tracking.session import assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference

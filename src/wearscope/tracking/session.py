@@ -41,6 +41,8 @@ class Assessment:
     found : Found
         With what else was weighed.
     evidence : Evidence
+    felt : Evidence
+        As if all temperatures were those of the reference: friction with what a temperature did to it.
     cannot_tell : list of str
         Sentences on what cannot be told.
     smallest : dict of str to dict
@@ -58,6 +60,7 @@ class Assessment:
     fit: Fit
     found: Found
     evidence: Evidence
+    felt: Evidence
     cannot_tell: list[str]
     smallest: dict[str, dict[str, float]]
     notes: list[str]
@@ -121,7 +124,7 @@ def assess_runs(
     fit = evidence.fit(named)
     worn = identify_wear(reference, made, named)
     told = [*notes, *tell_events(events, dict(zip(structure.joints, structure.torque_unit, strict=True)))]
-    return Assessment(session, named, fit, found, evidence, cannot_tell, smallest, told, worn, events)
+    return Assessment(session, named, fit, found, evidence, known, cannot_tell, smallest, told, worn, events)
 
 
 def is_temperature_open(structure: Structure, runs: Sequence[PreparedRun]) -> bool:

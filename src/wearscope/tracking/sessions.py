@@ -6,8 +6,25 @@ from pathlib import Path
 
 from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields, RunFields
+from wearscope.closed_loop.intake.plausibility import check_plausibility
+from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.tracking.session_names import Sessions
+from wearscope.tracking.session_runs import Frame, prepare_runs
+
+
+def check_sessions(sessions: Sessions) -> None:
+    """Refuse sessions that tracking would refuse after the healthy machine is identified.
+
+    Raises
+    ------
+    InputError
+        Where the reference cannot be what it says, or the robot stands still in a later session.
+    """
+    prepared = prepare_thinned(read_reference(sessions))
+    check_plausibility(prepared)
+    for session in sessions.later:
+        prepare_runs(read_session(sessions, session), Frame.of(prepared))
 
 
 def _read(folder: Path, choose: Callable[[DatasetFields], list[RunFields]]) -> Dataset:

@@ -14,8 +14,8 @@ from wearscope.closed_loop.intake.filtering import Band
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
-from wearscope.files import write_whole
 from wearscope.robots.model import make_model
+from wearscope.storage.files import write_whole
 from wearscope.tracking.reference import Reference
 from wearscope.tracking.session_runs import Frame
 from wearscope.tracking.structure import Belief, Scales, Structure

@@ -13,8 +13,7 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import load_effect
 from wearscope.effects.vocabulary import thermal_friction
 from wearscope.robots.model import RobotModel
-from wearscope.tracking.structure import Belief, Structure
-from wearscope.tracking.temperature import count_features, temperature_features
+from wearscope.tracking.structure import Belief, Structure, count_features, temperature_features
 
 #: Stage by which the model goes: its file is ``model_tracked.yaml``.
 STAGE = "tracked"

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope import tables
 from wearscope.closed_loop.diagnostics.forward import compare_forward
 from wearscope.closed_loop.diagnostics.next_measurement import plan_measurements, write_measurements
 from wearscope.closed_loop.diagnostics.outcome import Outcome
@@ -17,6 +16,7 @@ from wearscope.closed_loop.diagnostics.undetermined import find_undetermined
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.signals import thin_signals
 from wearscope.closed_loop.model.prediction import residual_table
+from wearscope.storage import tables
 
 
 def signal_table(prepared: Prepared) -> pd.DataFrame:

@@ -13,9 +13,8 @@ from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.prediction import bootstrap_rms, pooled_rms
 from wearscope.cycles.base import Reference
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
-from wearscope.errors import InputError
+from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
-from wearscope.simulation.errors import SimulationError
 
 #: Longest part of a test run that is simulated [s].
 LONGEST = 60.0

@@ -1,139 +1,161 @@
-"""What a residual does in time: it jumps, its level shifts, or it has a line."""
+"""What a residual does in time: its level shifts at a moment, or it has a line that the runs have in common.
 
+Noise with a memory wanders: the best placed step, and the best sine, hold much of it. So both are compared
+with what wanders too, in the residual made white by an autoregression: there a step is a lone pulse (Tsay
+1988, Journal of Forecasting 7: level shifts in time series), and a line that bends models what drifts.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
-from wearscope.closed_loop.diagnostics.jumps import find_jumps, fit_shift
-from wearscope.closed_loop.inference.lines import CommonLine, find_common_line, find_line
-from wearscope.closed_loop.inference.policy import Policy
-from wearscope.closed_loop.inference.series import bridge_uncounted
-from wearscope.closed_loop.intake.prepared import PreparedRun
+from wearscope.closed_loop.inference.series import average, bend_line, cut_knocks, find_whitening, leave
 
-#: Share of what is left of a single recording from which a level is told.
-_LEVEL = 0.7
-#: Least deviance of shifts of level: in 600 series of a kind, those of noise and drifts reach 25.
-_SHIFTED = 30.0
+#: Fewest rows that are looked at, and most, to which more are averaged, for a shift and for a line.
+_FEWEST, _SHIFT_ROWS, _LINE_ROWS = 100, 200, 600
+#: Shortest level [rows]; places, or frequencies, about the best one that are compared.
+_SHORTEST, _NEAR = 5, 4
+#: Bends of the lines that a shift is compared with.
+_BENDS = (1, 4)
+#: Fewest periods of a line in the longest run, and highest frequency [1/row].
+_PERIODS, _HIGHEST = 2.5, 0.25
+#: Frequencies whose waves are made at once.
+_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Structure that was seen in a joint's residual.
+class Shift:
+    """A step of a residual at its best moment.
 
     Attributes
     ----------
+    deviance : float
+        By which it fits better than a level, and than a line that bends: twice the log-likelihood ratio,
+        negative where a line fits better.
     share : float
-        Of its variance.
-    depends_on : list of str
-        Signals that it depends on, as far as that is known.
-    reason : str
-        How it was seen.
+        Of the residual's variance that it holds.
+    time : float
+        [s]
+    size : float
     """
 
+    deviance: float
     share: float
-    depends_on: list[str]
-    reason: str
+    time: float
+    size: float
 
 
-def see_jumps(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[Seen]:
-    """Jumps in time of single runs; the run that holds most of the residual's square is told."""
-    seen = []
-    for run, x, k, part in zip(train, own, keep, _share_out(own, keep), strict=True):
-        jumps = find_jumps(run.t[k], x[k])
-        if jumps is not None:
-            share = jumps.share * part
-            where = f"{abs(jumps.size):.3g} at {jumps.time:.3g} s of {run.file}"
-            seen.append((share, f"it jumps in time, most by {where}"))
-    share = sum(part for part, _ in seen)
-    return [Seen(share, ["t"], max(seen)[1])] if share >= policy.structure_share else []
-
-
-def see_shifts(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[Seen]:
-    """A shift of level at a moment of each run, by all runs together; the surest is told."""
-    found = []
-    for run, x, k, part in zip(train, own, keep, _share_out(own, keep), strict=True):
-        shift = fit_shift(run.t[k], x[k])
-        if shift is not None:
-            found.append((shift, shift.share * part, run.file))
-    if sum(shift.deviance for shift, _, _ in found) < _SHIFTED:
-        return []
-    share = sum(part for shift, part, _ in found if shift.deviance > 0.0)
-    if share < policy.structure_share:
-        return []
-    most, _, file = max(found, key=lambda one: one[0].deviance)
-    told = f"its level shifts at a moment, surest by {abs(most.size):.3g} at {most.time:.3g} s of {file}"
-    return [Seen(share, ["t"], told)]
-
-
-def _share_out(own: list[np.ndarray], keep: list[np.ndarray]) -> list[float]:
-    """Share of the residual's square that each run has."""
-    squares = [float((x[k] ** 2).sum()) for x, k in zip(own, keep, strict=True)]
-    return [square / max(sum(squares), 1e-300) for square in squares]
-
-
-def see_level(
-    train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray], policy: Policy
-) -> list[Seen]:
-    """What is left of a single recording is a level, which it does not tell from a drift's."""
-    counted = np.concatenate([x[k] for x, k in zip(own, keep, strict=True)])
-    if len({run.file for run in train}) > 1 or not np.any(counted):
-        return []
-    level = float(np.mean(counted))
-    share = level**2 / float(np.mean(counted**2))
-    told = f"a level of {level:.3g}, an offset or a drift, which a single run does not tell apart"
-    return [Seen(share, [], told)] if share >= _LEVEL else []
-
-
-def see_lines(
-    full: list[np.ndarray], train: list[PreparedRun], own: list[np.ndarray], keep: list[np.ndarray],
-    rate: float, cut_off: float, joints: int, policy: Policy,
-) -> list[Seen]:  # fmt: skip
-    """A torque that is periodic in time, as most runs have it, below the common cut-off.
+def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
+    """The shift of level that fits a residual best; None where there is too little of it.
 
     Parameters
     ----------
-    full : list of ndarray (N,)
-        Residual of each run before the common filter.
-    train : list of PreparedRun
-    own : list of ndarray (M,)
-        Residual of each run after it.
-    keep : list of ndarray (M,) of bool
-        Rows that count.
-    rate : float
-        Of the residuals before the filter [Hz].
-    cut_off : float
-        Of the filter [Hz]: no torque that is compared has a hum above it.
-    joints : int
-        At how many it is asked.
-    policy : Policy
+    t : ndarray (M,)
+        Times of the rows that count [s].
+    x : ndarray (M,)
+        Residual there.
     """
-    found = [(line, x) for x in full if (line := find_line(x, rate)) is not None]
-    shares = [line.share if line.frequency < cut_off else 0.0 for line, _ in found]
-    if not found or np.median(shares) < policy.structure_share:
-        # Before the filter rows that do not count, at reversals and rests, may hide a line.
-        bridged = [bridge_uncounted(x[:, None], k)[:, 0] for x, k in zip(own, keep, strict=True)]
-        slower = 1.0 / float(np.median(np.diff(train[0].t)))
-        commons = [find_common_line(full, rate), find_common_line(bridged, slower)]
-        slow = [line for line in commons if line is not None and line.frequency < cut_off]
-        return _from_common_lines(slow, joints, policy)
-    counted = np.concatenate([x[k] for x, k in zip(own, keep, strict=True)])
-    power = float(np.mean(counted**2)) if len(counted) else 0.0
-    size = float(np.median([share * np.var(x) for share, (_, x) in zip(shares, found, strict=True)])) / max(
-        power, 1e-300
-    )
-    middle = float(np.median([line.frequency for line, _ in found if line.frequency < cut_off]))
-    return [Seen(size, ["t"], f"a line at {middle:.3g} Hz in time")]
+    if len(x) < _FEWEST or not np.ptp(x) > 0.0:
+        return None
+    # The common filter makes a step three rows long.
+    t, x = average(max(3, len(x) // _SHIFT_ROWS), t, x)
+    x = cut_knocks(x)
+    if not np.ptp(x) > 0.0:
+        return None
+    rows = np.arange(len(x))
+    k = rows[_SHORTEST : len(x) - _SHORTEST + 1]
+    before = np.cumsum(x)[k - 1]
+    low, high = before / k, (x.sum() - before) / (len(x) - k)
+    gain = (high - low) ** 2 * k * (len(x) - k) / len(x)
+    best = int(np.argmax(gain))
+    whiten = find_whitening(x - np.where(rows < k[best], low[best], high[best]))
+    level = np.ones(len(x))
+    near = k[max(best - _NEAR, 0) : best + _NEAR + 1]
+    own, place = min((leave(np.column_stack([level, rows >= at]), x, whiten), at) for at in near)
+    others = [leave(one, x, whiten) for one in (level, *(bend_line(len(x), bends) for bends in _BENDS))]
+    variance = max(own / (len(x) - len(whiten) - 1), 1e-300)
+    size = float(x[place:].mean() - x[:place].mean())
+    share = float(gain[best]) / float(np.sum((x - x.mean()) ** 2))
+    return Shift((min(others) - own) / variance, share, float(t[place - 1 : place + 1].mean()), size)
 
 
-def _from_common_lines(lines: list[CommonLine], joints: int, policy: Policy) -> list[Seen]:
-    """A slow or weak line that the runs have in common, the surest of those looked for."""
-    sure = [x for x in lines if x.p_value * joints * len(lines) <= policy.unknown_level]
-    large = [x for x in sure if x.share >= policy.structure_share]
-    if not large:
-        return []
-    line = min(large, key=lambda x: x.p_value)
-    return [Seen(line.share, ["t"], f"a line at {line.frequency:.3g} Hz in time, common to the runs")]
+@dataclass(frozen=True)
+class Line:
+    """A line that runs have in common.
+
+    Attributes
+    ----------
+    frequency : float
+        [Hz]
+    share : float
+        Of the residuals' power that it holds, mean over the runs.
+    p_value : float
+        Of a sine at so many frequencies next to an autoregression, in all runs together, against an
+        autoregression of its own without the sine: what wanders has much at a few periods.
+    """
+
+    frequency: float
+    share: float
+    p_value: float
+
+
+def find_line(residuals: Sequence[np.ndarray], rate: float) -> Line | None:
+    """The line that fits the residuals of all runs best, whatever its phase in each; None of too little.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray (N_r,)
+        Of each run.
+    rate : float
+        [Hz]
+    """
+    parts = [_average(x, rate) for x in residuals if len(x) >= _FEWEST and np.ptp(x) > 0.0]
+    parts = [(t, x) for t, x in parts if np.ptp(x) > 0.0]
+    if not parts:
+        return None
+    longest = max(float(t[-1]) for t, _ in parts)
+    highest = min(_HIGHEST / float(t[1] - t[0]) for t, _ in parts)
+    frequencies = np.arange(_PERIODS / longest, highest, 0.5 / longest)
+    if not len(frequencies):
+        return None
+    held = np.array([hold_waves(t, x, frequencies) for t, x in parts])
+    best = int(np.argmax(held.sum(axis=0)))
+    near = frequencies[max(best - _NEAR // 2, 0) : best + _NEAR // 2 + 1]
+    deviance = np.zeros(len(near))
+    for t, x in parts:
+        level = np.ones((len(x), 1))
+        alone = leave(level, x, find_whitening(x))
+        wave = make_waves(t, frequencies[best])
+        whiten = find_whitening(x - wave @ np.linalg.lstsq(wave, x, rcond=None)[0])
+        left = np.array([leave(np.column_stack([level, make_waves(t, f)]), x, whiten) for f in near])
+        deviance += np.log(alone / np.maximum(left, 1e-300)) * (len(x) - len(whiten) - 2)
+    k = int(np.argmax(deviance))
+    p_value = min(1.0, 2.0 * len(frequencies) * float(stats.chi2.sf(deviance[k], 2 * len(parts))))
+    return Line(float(near[k]), float(held[:, best].mean()), p_value)
+
+
+def hold_waves(t: np.ndarray, x: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """Share (K,) of a series' power (M,) at times (M,) [s] that a sine of each frequency [Hz] holds."""
+    shares = []
+    for some in np.array_split(frequencies, -(-len(frequencies) // _AT_ONCE)):
+        waves = make_waves(t, some)
+        cosine, sine = waves[:, : len(some)], waves[:, len(some) :]
+        a, b, c = (np.einsum("mk,mk->k", u, v) for u, v in ((cosine, cosine), (cosine, sine), (sine, sine)))
+        p, q = x @ cosine, x @ sine
+        shares.append((c * p**2 - 2.0 * b * p * q + a * q**2) / ((a * c - b**2) * (x @ x)))
+    return np.concatenate(shares)
+
+
+def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and means of equal stretches of a residual, without its mean and knocks."""
+    every = max(1, len(x) // _LINE_ROWS)
+    (mean,) = average(every, x)
+    return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())
+
+
+def make_waves(t: np.ndarray, frequencies: float | np.ndarray) -> np.ndarray:
+    """Cosines and sines (M, 2 K) of frequencies (K,), or of one, [Hz] at times (M,) [s]."""
+    phase = 2.0 * np.pi * np.outer(t, frequencies)
+    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from wearscope import tables
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.plan import (
     DWELL,
@@ -23,7 +22,6 @@ from wearscope.closed_loop.diagnostics.plan import (
     list_temperatures,
     make_planned_run,
 )
-from wearscope.closed_loop.diagnostics.planned_rests import plan_rests
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names, look_along
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.prepared import Prepared
@@ -32,6 +30,7 @@ from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.storage import tables
 
 #: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
 #: limits, and this many times as fast as the recorded ones.
@@ -180,34 +179,27 @@ def plan_measurements(
     first = len(after.entries) - len(diagnosis.attributions)
     model = planning_model(prepared, diagnosis.models["before"])
     cycles = list_cycles() if cycles is None else cycles
-    found: dict[int, NextMeasurement] = {}
-    asked: dict[int, _Asked] = {}
+    asked: list[_Asked] = []
     for number, named in enumerate(diagnosis.attributions):
         if not named.equivalent:
             continue
         names = list_names(after, first + number, named.equivalent, list(diagnosis.problem.effects))
         rivalry = Rivalry(after, first + number, names)
         joint = named.term.joint
-        still = plan_rests(after, first + number, rivalry, prepared, model)
-        if still is not None:
-            found[number] = still
-            continue
         progress(
             f"what tells {' from '.join(name.effect.name for name in names)} at "
             f"{prepared.dataset.joints[joint]}"
         )
-        asked[number] = _Asked(rivalry, joint)
+        asked.append(_Asked(rivalry, joint))
     payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
-    every, joints = list(asked.values()), [one.joint for one in asked.values()]
-    if every:
-        _compare(every, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles))
-    for one in every:
+    if joints := [one.joint for one in asked]:
+        _compare(asked, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles))
+    for one in asked:
         likeliest = sorted(one.values, key=lambda name: -one.values[name])[:_REFINED]
         starts = temperatures if one.is_warm else temperatures[:1]
         for others in ((payloads[1:], starts), (payloads[:1], starts[1:])):
             _compare([one], prepared, list_plans(prepared, model, [one.joint], *others, cycles, likeliest))
-    found |= {k: _promise(one, prepared, *one.best) for k, one in asked.items() if one.best is not None}
-    return [found[number] for number in sorted(found)]
+    return [_promise(one, prepared, *one.best) for one in asked if one.best is not None]
 
 
 @dataclass

@@ -7,7 +7,7 @@ import numpy as np
 from wearscope.closed_loop.inference.detection_limits import LARGE, say_limit
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.effects.motions import PAYLOAD, SLOW_MOTION, TEMPERATURE
+from wearscope.effects.effect import PAYLOAD, SLOW_MOTION, TEMPERATURE
 
 #: Share of the largest speed below which friction falls with speed where there is a Stribeck effect.
 _SLOW = 0.05

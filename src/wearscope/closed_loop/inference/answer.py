@@ -153,7 +153,7 @@ def find_terms(
     model = moves.settle(moves.explain_rest(model))
     past = [t for t in model.terms if t.effect.name == PAST.name]
     left = {t.joint: _tell_past(problem, model, t) for t in past}
-    model = model.has([t for t in model.terms if t.effect.name != PAST.name])
+    model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
     found = [_judge(moves, model, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)
@@ -291,12 +291,8 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
         term = offer.term
         made = given.extend(term)
         gain = moves.score.compare(given, made)
-        lost, left = given.fit, made.fit
-        folds = given.problem.gram.layout.units.test
-        better = [
-            sum(left.hold_out(j, f) - lost.hold_out(j, f) for j in term.candidate.joints) < 0.0
-            for f in range(len(folds))
-        ]
+        joints_felt = list(term.candidate.joints)
+        better = (made.fit.by_fold - given.fit.by_fold)[joints_felt].sum(axis=0) < 0.0
         refusal = offer.refusal or moves.refused.get(term.key, "")
         rows.append(
             {

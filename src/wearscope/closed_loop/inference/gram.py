@@ -36,6 +36,7 @@ class Gram:
         self.layout, self.target = layout, target
         self.count = np.maximum(layout.keep.sum(axis=0), 1)
         self._pairs: WeakKeyDictionary[Candidate, WeakKeyDictionary] = WeakKeyDictionary()
+        self._totals: WeakKeyDictionary[Candidate, WeakKeyDictionary] = WeakKeyDictionary()
         self._own: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
         self._scores: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
 
@@ -64,6 +65,13 @@ class Gram:
             mirrored = None if other is None else other.get(a, {}).get(joint)
             x, y = (c.rows[c.joints.index(joint)] for c in (a, b))
             kept[joint] = self._multiply(joint, x, y) if mirrored is None else mirrored.swapaxes(1, 2)
+        return np.asarray(kept[joint])
+
+    def total(self, a: Candidate, b: Candidate, joint: int) -> np.ndarray:
+        """The same (k_a, k_b) over all units."""
+        kept = self._totals.setdefault(a, WeakKeyDictionary()).setdefault(b, {})
+        if joint not in kept:
+            kept[joint] = self.cross(a, b, joint).sum(axis=0)
         return np.asarray(kept[joint])
 
     def own(self, a: Candidate, joint: int) -> np.ndarray:
@@ -175,91 +183,85 @@ class Fit:
         """Residual variance in which a candidate's prior is; one where it is absolute."""
         return float(self.sigma[candidate.joint] ** 2) if candidate.effect.empirical else 1.0
 
-    def _solve(
-        self, units: np.ndarray, given: tuple[np.ndarray, np.ndarray] | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse (P, P) of the normal matrix on units (U,), and the parameters (P,).
-
-        Parameters
-        ----------
-        units : ndarray (U,)
-        given : (ndarray, ndarray) or None
-            The same of the base, from which they follow by the last term's Schur complement.
-        """
-        if given is None:
-            a = np.tensordot(units, self.normal, 1) + self.prior
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-            inverse = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale) if self.p else a
-            return inverse, inverse @ (units @ self.score)
-        term, span = self.terms[-1], self.spans[-1]
-        cross, own = np.zeros((self.p, len(term.subset))), self.prior[span, span].copy()
-        score = np.zeros(len(term.subset))
-        for j in term.candidate.joints:
-            k, m = len(self.at[j]), len(term.subset)
-            part = np.tensordot(units, self._grams[j][:, :, k - m :], 1) * self.weight[j]
-            cross[self.at[j][: k - m]] += part[: k - m]
-            own += part[k - m :]
-            score += units @ self._scores[j][:, k - m :] * self.weight[j]
-        inverse, theta = given
-        cross = cross[: span.start]
-        onto = inverse @ cross
-        inner = own - cross.T @ onto
-        inner = 0.5 * (inner + inner.T)
-        np.einsum("mm->m", inner)[...] += _ROUNDING * np.diag(own) + 1e-300
-        schur = np.linalg.inv(inner)
-        beta = schur @ (score - cross.T @ theta)
-        grown = np.empty((self.p, self.p))
-        grown[: span.start, : span.start] = inverse + onto @ schur @ onto.T
-        grown[: span.start, span] = -onto @ schur
-        grown[span, : span.start] = grown[: span.start, span].T
-        grown[span, span] = schur
-        return grown, np.concatenate([theta - onto @ beta, beta])
-
     @cached_property
-    def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Inverse normal matrix (P, P) and parameters (P,) on all rows."""
-        given = None if self.base is None else self.base.whole
-        return self._solve(np.ones(self.gram.layout.units.count), given)
+    def solved(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse normal matrices (1 + F, P, P) and parameters (1 + F, P), on all rows and by fold.
+
+        Those of a model with a base follow from the base's by the last term's Schur complement.
+        """
+        layout = self.gram.layout.units
+        units = np.concatenate([np.ones((1, layout.count)), layout.train])
+        if self.base is None:
+            a = np.tensordot(units, self.normal, 1) + self.prior
+            scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", a), 1e-300))
+            both = scale[:, :, None] * scale[:, None]
+            inverse = np.linalg.inv(a * both) * both if self.p else a
+            return inverse, np.einsum("fij,fj->fi", inverse, units @ self.score)
+        term, span, m = self.terms[-1], self.spans[-1], len(self.terms[-1].subset)
+        cross = np.zeros((len(units), self.p, m))
+        own = np.repeat(self.prior[None, span, span], len(units), axis=0)
+        score = np.zeros((len(units), m))
+        for j in term.candidate.joints:
+            before = self.at[j][:-m]
+            part = np.tensordot(units, self._grams[j][:, :, -m:], 1) * self.weight[j]
+            cross[:, before] += part[:, :-m]
+            own += part[:, -m:]
+            score += units @ self._scores[j][:, -m:] * self.weight[j]
+        inverse, theta = self.base.solved
+        cross = cross[:, : span.start]
+        onto = inverse @ cross
+        inner = own - cross.swapaxes(1, 2) @ onto
+        inner = 0.5 * (inner + inner.swapaxes(1, 2))
+        np.einsum("fmm->fm", inner)[...] += _ROUNDING * np.einsum("fmm->fm", own) + 1e-300
+        schur = np.linalg.inv(inner)
+        away = score - np.einsum("fpm,fp->fm", cross, theta)
+        beta = np.einsum("fij,fj->fi", schur, away)
+        grown = np.empty((len(units), self.p, self.p))
+        grown[:, : span.start, span] = -onto @ schur
+        grown[:, : span.start, : span.start] = inverse - grown[:, : span.start, span] @ onto.swapaxes(1, 2)
+        grown[:, span, : span.start] = grown[:, : span.start, span].swapaxes(1, 2)
+        grown[:, span, span] = schur
+        return grown, np.concatenate([theta - np.einsum("fpm,fm->fp", onto, beta), beta], axis=1)
 
     @property
     def theta(self) -> np.ndarray:
         """Parameters (P,) on all rows."""
-        return self.whole[1]
-
-    @cached_property
-    def by_fold(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The same with each fold's rows held out."""
-        folds = self.gram.layout.units.train
-        given = [None] * len(folds) if self.base is None else self.base.by_fold
-        return [self._solve(units, one) for units, one in zip(folds, given, strict=True)]
+        return np.asarray(self.solved[1][0])
 
     def coefficients(self, term: Term) -> np.ndarray:
         """Coefficients (m,) of a term of the model."""
         k = next(k for k, t in enumerate(self.terms) if t is term)
         return self.theta[self.spans[k]]
 
-    def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> float:
-        """Sum of squares that parameters leave at a joint on units (U,)."""
-        k = self.at[joint]
-        own = np.tensordot(units, self._grams[joint], 1)
-        left = units @ self.gram.power[:, joint] - 2.0 * (units @ self._scores[joint]) @ theta[k]
-        return max(float(left + theta[k] @ own @ theta[k]), 0.0)
+    def measure(self, term: Term) -> np.ndarray:
+        """Gram matrix (m, m) of a term's columns on all rows, weighed."""
+        joints = term.candidate.joints
+        every = (self.gram.total(term.candidate, term.candidate, j) * self.weight[j] for j in joints)
+        return np.asarray(sum(every)[np.ix_(term.columns, term.columns)])
+
+    def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Sums of squares (F,) that parameters (F, P) leave at a joint on units (F, U)."""
+        own = theta[:, self.at[joint]]
+        gram = np.tensordot(units, self._grams[joint], 1)
+        left = units @ self.gram.power[:, joint] - 2.0 * ((units @ self._scores[joint]) * own).sum(axis=1)
+        return np.asarray(np.maximum(left + ((gram @ own[..., None])[..., 0] * own).sum(axis=1), 0.0))
 
     @cached_property
     def fitted(self) -> np.ndarray:
         """Sum of squares (n,) that the model leaves of all rows."""
-        ones = np.ones(self.gram.layout.units.count)
-        return np.array([self._measure(j, ones, self.theta) for j in range(len(self.at))])
+        ones = np.ones((1, self.gram.layout.units.count))
+        return np.array([self._measure(j, ones, self.theta[None])[0] for j in range(len(self.at))])
+
+    @cached_property
+    def by_fold(self) -> np.ndarray:
+        """Sum of squares (n, F) that it leaves of a joint's rows that each fold holds out."""
+        test = self.gram.layout.units.test
+        return np.array([self._measure(j, test, self.solved[1][1:]) for j in range(len(self.at))])
 
     @cached_property
     def held_out(self) -> np.ndarray:
         """Sum of squares (n,) that it leaves of rows that are held out."""
-        folds = range(len(self.by_fold))
-        return np.array([sum(self.hold_out(j, f) for f in folds) for j in range(len(self.at))])
-
-    def hold_out(self, joint: int, fold: int) -> float:
-        """Sum of squares that it leaves of a joint's rows that a fold holds out."""
-        return self._measure(joint, self.gram.layout.units.test[fold], self.by_fold[fold][1])
+        return np.asarray(self.by_fold.sum(axis=1))
 
     @cached_property
     def energy(self) -> float:
@@ -275,7 +277,10 @@ class Fit:
     def predict(self, joint: int) -> np.ndarray:
         """Torque (M,) of the model at a joint."""
         if joint not in self._predicted:
-            self._predicted[joint] = self.columns(joint) @ self.theta[self.at[joint]]
+            torque = np.zeros(len(self.gram.target))
+            for k in self._felt[joint]:
+                torque += self.terms[k].at_joint(joint) @ self.theta[self.spans[k]]
+            self._predicted[joint] = torque
         return self._predicted[joint]
 
     @cached_property
@@ -289,7 +294,7 @@ class Fit:
     def leave_held_out(self, joint: int) -> np.ndarray:
         """The same with each row's fold held out."""
         left, columns = self.gram.target[:, joint].copy(), self.columns(joint)
-        for rows, (_, theta) in zip(self.gram.layout.units.test_rows, self.by_fold, strict=True):
+        for rows, theta in zip(self.gram.layout.units.test_rows, self.solved[1][1:], strict=True):
             left[rows] -= columns[rows] @ theta[self.at[joint]]
         return np.asarray(left)
 
@@ -349,18 +354,18 @@ class Fit:
         cross = np.zeros((shapes, len(pick), self.p))
         own = np.zeros((shapes, len(pick), len(pick)))
         score = np.zeros((shapes, len(pick)))
+        for j in (j for j in candidate.joints if self._felt[j]):
+            terms = [self.terms[k] for k in self._felt[j]]
+            both = [self.gram.total(candidate, t.candidate, j)[:, t.columns] for t in terms]
+            stacked = np.concatenate(both, axis=1).reshape(shapes, m, -1)
+            cross[:, :, self.at[j]] += self.weight[j] * stacked[:, pick]
         for j in candidate.joints:
-            w = self.weight[j]
-            for k in self._felt[j]:
-                term = self.terms[k]
-                both = self.gram.cross(candidate, term.candidate, j).sum(axis=0)[:, term.columns]
-                cross[:, :, self.spans[k]] += w * both.reshape(shapes, m, -1)[:, pick]
-            own += w * self.gram.own(candidate, j).sum(axis=0)[:, pick][..., pick]
-            score += w * self.gram.score(candidate, j).sum(axis=0).reshape(shapes, m)[:, pick]
+            own += self.weight[j] * self.gram.own(candidate, j).sum(axis=0)[:, pick][..., pick]
+            score += self.weight[j] * self.gram.score(candidate, j).sum(axis=0).reshape(shapes, m)[:, pick]
         power = np.einsum("smm->sm", own)
         if candidate.penalty is not None:
             own = own + candidate.penalty[np.ix_(pick, pick)] / self._scale_of(candidate)
-        inverse, theta = self.whole
+        inverse, theta = self.solved[0][0], self.theta
         inner = own - cross @ inverse @ cross.swapaxes(1, 2)
         inner = 0.5 * (inner + inner.swapaxes(1, 2))
         np.einsum("smm->sm", inner)[...] += _ROUNDING * power + 1e-300

@@ -10,6 +10,9 @@ from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
 
+#: Blocks that are joined to sums, for the memory of what is left.
+_JOINED = (1, 2, 4, 8, 16, 32)
+
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
     """Path (n,) of every joint over some rows of a run that count."""
@@ -125,6 +128,12 @@ class Layout:
         keep[:, joint] &= rows
         other.__dict__["keep"] = keep
         return other
+
+    @cached_property
+    def joined(self) -> list[np.ndarray]:
+        """First blocks of sums of 1, 2, 4 ... 32 neighbouring blocks, within their runs."""
+        apart, number = np.diff(self.run_of) != 0, np.arange(1, len(self.blocks))
+        return [np.concatenate([[0], 1 + np.flatnonzero(apart | (number % count == 0))]) for count in _JOINED]
 
     def sum_blocks(self, x: np.ndarray) -> np.ndarray:
         """Sums (B, ...) of rows (M, ...) by block."""

@@ -121,6 +121,12 @@ class Moves:
                 return rest.rescale()
         return None
 
+    def prune(self, model: Model) -> Model:
+        """A model without all terms whose removal makes it more probable."""
+        while (rest := self.drop(model)) is not None:
+            model = rest
+        return model
+
     def add(self, model: Model) -> Model | None:
         """A model with the best term more at each group of coupled joints, where that is more probable."""
         n = model.problem.prepared.n
@@ -197,7 +203,7 @@ class Moves:
 
     def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
         """Offers that may gain, of effects that are not left out."""
-        asks = lambda effect, _: effect.name not in self.without  # noqa: E731
+        asks = (lambda effect, _: effect.name not in self.without) if self.without else None
         return [o for o in list_offers(model, joints, asks) if may_gain(self.score, model, o)]
 
     def choose(self, base: Model, offers: Iterable[Offer], reference: Model) -> tuple[Term | None, float]:

@@ -13,6 +13,7 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.
 _CANCELS = 12.0
+_CANCELLED = "its columns cancel each other"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class Offer:
 def list_candidates(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+    asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Candidate]:
     """Candidates that a model has not, nor contains, with their parents, where they apply.
 
@@ -59,7 +60,7 @@ def list_candidates(
     for joint in joints:
         there = present[joint]
         for effect in problem.effects:
-            if not asks(effect, joint) or not problem.prepared.moving[joint]:
+            if not problem.prepared.moving[joint] or not (asks is None or asks(effect, joint)):
                 continue
             if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                 continue
@@ -94,16 +95,36 @@ def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
 def list_offers(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] = lambda effect, joint: True,
+    asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Offer]:
-    """The best shape of each candidate and subset conditional on a model, what gains most first."""
+    """The best shape of each candidate and subset conditional on a model, what gains most first.
+
+    Parameters
+    ----------
+    model : Model
+    joints : iterable of int
+    asks : callable, optional
+        Whether an effect at a joint is asked for; all are by default, and kept with the model.
+    """
+    kept: dict[int, list[Offer]] = model.offers if asks is None else {}
+    joints = list(joints)
+    for joint in joints:
+        if joint not in kept:
+            kept[joint] = _list_at(model, joint, asks)
+    return sorted(
+        (o for joint in joints for o in kept[joint]), key=lambda o: -o.gain / np.sqrt(len(o.term.subset))
+    )
+
+
+def _list_at(model: Model, joint: int, asks: Callable[[Effect, int], bool] | None) -> list[Offer]:
+    """Offers at one joint, as `list_offers` has them."""
     problem, fit = model.problem, model.fit
     by_run = problem.layout.folds.by_run
-    candidates = list_candidates(model, joints, asks)
-    tried: dict[int, float] = {}
-    for c in candidates:
-        count = 1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
-        tried[c.joint] = tried.get(c.joint, 0.0) + count
+    candidates = list_candidates(model, [joint], asks)
+    tried = sum(
+        1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
+        for c in candidates
+    )
     offers = []
     for c in candidates:
         for subset in list_subsets(c.effect, by_run):
@@ -112,27 +133,31 @@ def list_offers(
             beta, own = added.beta[s], added.own[s]
             power = max(float(beta @ own @ beta), 1e-300)
             sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
-            term = Term(c, subset, s, tried[c.joint])
-            cancels = c.penalty is None and (
-                np.sqrt(np.maximum(np.diag(own), 0.0) * beta**2 / power).max() > _CANCELS or sine < 1e-3
-            )
-            refusal = _refuse(problem, term, beta) or ("its columns cancel each other" if cancels else "")
+            term = Term(c, subset, s, tried)
+            refusal = _refuse(problem, term, beta, own)
+            if not refusal and c.penalty is None and sine < 1e-3:
+                refusal = _CANCELLED
             offers.append(Offer(term, beta, float(added.gain[s]), sine, refusal))
-    return sorted(offers, key=lambda o: -o.gain / np.sqrt(len(o.term.subset)))
+    return offers
 
 
-def _refuse(problem: Problem, term: Term, beta: np.ndarray) -> str:
-    """Why a term's parameters are not believed; empty where they are."""
+def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> str:
+    """Why coefficients (m,), with their Gram matrix (m, m), are not believed; empty where they are."""
     made = term.model_term
     values = (*beta.tolist(), *made.shape)
     if not all(low <= x <= high for x, (low, high) in zip(values, problem.bounds(made), strict=True)):
         return "a parameter is outside its believable bounds"
-    return "" if abs(float(beta[0])) >= problem.least(made) else "smaller than can be believed"
+    if abs(float(beta[0])) < problem.least(made):
+        return "smaller than can be believed"
+    parts, power = np.maximum(np.diag(own), 0.0) * beta**2, max(float(beta @ own @ beta), 1e-300)
+    free = term.candidate.penalty is None
+    return _CANCELLED if free and np.sqrt(parts / power).max() > _CANCELS else ""
 
 
 def is_believable(model: Model, term: Term) -> bool:
     """Whether a term's parameters are believed in a whole model."""
-    return not _refuse(model.problem, term, model.fit.coefficients(term))
+    beta = model.fit.coefficients(term)
+    return not _refuse(model.problem, term, beta, model.fit.measure(term))
 
 
 def may_gain(score: Score, model: Model, offer: Offer) -> bool:

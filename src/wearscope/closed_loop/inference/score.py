@@ -25,8 +25,8 @@ from wearscope.closed_loop.inference.term import Term
 
 #: Nats below which how improbable a model is need not be known any better.
 _HOPELESS = -8.0
-#: Blocks that are joined to sums, and fewest sums, for the memory of what is left.
-_JOINED, _FEWEST = (1, 2, 4, 8, 16, 32), 8
+#: Fewest sums of blocks from which the memory of what is left is estimated.
+_FEWEST = 8
 #: Coefficients that a height of a penalised spline counts as.
 _SPLINE = 0.5
 #: Coefficients that a shape which is searched counts as: half of its values are no better than another's.
@@ -63,6 +63,11 @@ class Model:
     def keys(self) -> frozenset[tuple]:
         """What its terms are, whatever their shapes."""
         return frozenset(term.key for term in self.terms)
+
+    @cached_property
+    def offers(self) -> dict[int, list]:
+        """Terms that it may be extended by, by joint, once they were asked for."""
+        return {}
 
     def has(self, terms: Sequence[Term]) -> "Model":
         """The same with other terms."""
@@ -202,10 +207,9 @@ class Score:
         single = float(product @ product)
         if single <= 0.0:
             return 1.0
-        by_block, run, worst = self.layout.sum_blocks(product), self.layout.run_of, 1.0
-        for count in _JOINED:
-            cut = (np.diff(run) != 0) | (np.arange(1, len(run)) % count == 0)
-            sums = np.bincount(np.concatenate([[0], np.cumsum(cut)]), by_block)
+        by_block, worst = self.layout.sum_blocks(product), 1.0
+        for starts in self.layout.joined:
+            sums = np.add.reduceat(by_block, starts)
             sums = sums[sums != 0.0]
             if len(sums) >= _FEWEST:
                 worst = max(worst, float(sums @ sums) / single * len(sums) / (len(sums) - 1.0))

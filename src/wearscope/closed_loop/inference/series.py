@@ -88,38 +88,3 @@ def bridge_uncounted(x: np.ndarray, keep: np.ndarray) -> np.ndarray:
     span = np.maximum(at[after] - at[before], 1)
     share = np.clip((rows - at[before]) / span, 0.0, 1.0)[:, None]
     return (1.0 - share) * x[at[before]] + share * x[at[after]]
-
-
-def find_memory(left: np.ndarray, run: np.ndarray, remembered: float = 0.2) -> int:
-    """Blocks over which a residual is autocorrelated: twice as many as exceed a correlation.
-
-    Parameters
-    ----------
-    left : ndarray (B,)
-        Sums of the residual by block.
-    run : ndarray (B,)
-    remembered : float
-        The correlation.
-
-    Returns
-    -------
-    int
-        1 where blocks are independent; all of a run's blocks where more than a sixth of the shortest run is
-        correlated.
-    """
-    count = np.bincount(run)
-    count = count[count > 0]
-    whole, shortest = int(count.max()), int(count.min())
-    power = max(float((left**2).mean()), 1e-300)
-    for lag in range(1, shortest // 12 + 2):
-        same = run[lag:] == run[:-lag]
-        if not same.any() or float((left[lag:] * left[:-lag])[same].mean()) < remembered * power:
-            length = 2 * lag - 1
-            return length if 6 * length <= shortest or length == 1 else whole
-    return whole
-
-
-def join_blocks(run: np.ndarray, length: int) -> np.ndarray:
-    """First block (B,) of the group of `length` blocks that each block belongs to, within its run."""
-    first = np.searchsorted(run, run)
-    return first + (np.arange(len(run)) - first) // length * length

@@ -47,6 +47,12 @@ class Term:
         return self.shape * self.candidate.count + np.array(self.subset, dtype=int)
 
     @cached_property
+    def _picks(self) -> slice | np.ndarray:
+        """The same, as a slice where they follow each other: that copies nothing."""
+        first, m = self.columns[0], len(self.columns)
+        return slice(first, first + m) if np.all(np.diff(self.columns) == 1) else self.columns
+
+    @cached_property
     def penalty(self) -> np.ndarray:
         """Prior precision (m, m) of its coefficients."""
         if self.candidate.penalty is None:
@@ -94,7 +100,7 @@ class Term:
 
     def at_joint(self, joint: int) -> np.ndarray:
         """Its columns (M, m) at a joint where it is felt."""
-        return np.asarray(self.candidate.rows[self.candidate.joints.index(joint)][:, self.columns])
+        return np.asarray(self.candidate.rows[self.candidate.joints.index(joint)][:, self._picks])
 
 
 def find_reach(terms: Sequence[Term], joints: Sequence[int]) -> set[int]:

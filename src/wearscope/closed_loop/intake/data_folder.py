@@ -7,7 +7,7 @@ from typing import Any
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.files import digest_file
+from wearscope.storage.files import digest_file
 
 
 def find_inside(folder: Path, name: str, where: str) -> Path:

@@ -11,8 +11,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from wearscope import limits
 from wearscope.closed_loop.intake.data_folder import read_text
 from wearscope.errors import InputError, explain_yaml
-from wearscope.plain_yaml import load_plain_yaml, take_label
-from wearscope.servos import ServoFields, read_servos, refuse_bool
+from wearscope.robots.servos import ServoFields, read_servos, refuse_bool
+from wearscope.storage.plain_yaml import load_plain_yaml, take_label
 
 
 def _refuse_huge(value: float) -> float:

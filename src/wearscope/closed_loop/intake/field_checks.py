@@ -12,7 +12,7 @@ from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields, RobotFields
 from wearscope.errors import InputError
-from wearscope.servos import read_servos
+from wearscope.robots.servos import read_servos
 
 #: Strongest gravity on Earth is 9.83 m/s^2; a field beyond this is in another unit.
 _STRONGEST = 15.0

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import signal, sparse
 
 from wearscope.closed_loop.intake.recording import Run
-from wearscope.differentiation import differentiate
+from wearscope.effects.signals import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, _REST_SHARE = 5.0, 0.01

@@ -22,7 +22,7 @@ import pandas as pd
 
 from wearscope.closed_loop.intake.table_files import take_column, take_joints
 from wearscope.errors import InputError
-from wearscope.servos import COLUMNS, ServoFields
+from wearscope.robots.servos import COLUMNS, ServoFields
 
 #: Values that a register of 16 bits has.
 _WORD = 65536

@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
-from wearscope.turns import unwrap_turns
+from wearscope.robots.spatial import unwrap_turns
 
 #: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
 _MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5

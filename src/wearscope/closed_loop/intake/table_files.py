@@ -14,7 +14,7 @@ from wearscope import limits
 from wearscope.closed_loop.intake.data_folder import check_file
 from wearscope.errors import InputError
 from wearscope.processes import bound_memory
-from wearscope.tables import check_size, check_unpacked
+from wearscope.storage.tables import check_size, check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
 LEAST_ROWS, LEAST_TIME = 50, 1.0

@@ -13,8 +13,8 @@ import numpy as np
 from scipy import signal
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
-from wearscope.differentiation import differentiate
 from wearscope.effects.base import Signals
+from wearscope.effects.signals import differentiate
 
 #: Cut-offs tried, over the common one.
 _TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)

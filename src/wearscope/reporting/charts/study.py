@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.recommendation import choose_method
-from wearscope.evaluation.scope_counts import count_scope
+from wearscope.evaluation.scope import count_scope
 from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
 from wearscope.reporting.labels import (
     factor_label,
@@ -92,7 +92,9 @@ def places(table: pd.DataFrame) -> list[str]:
     """Where each row's cell is, without its detector: test-cycle, axis, and robot where there are several."""
     several = table["robot"].nunique() > 1
     cells = zip(*[table[key].tolist() for key in ("robot", "cycle", "axis")], strict=True)
-    name = cache(lambda robot, cycle, axis: f"{words(cycle)} {axis}" + (f", {robot}" if several else ""))
+    name = cache(
+        lambda robot, cycle, axis: f"{words(cycle)}, axis {axis}" + (f", {robot}" if several else "")
+    )
     return [name(*cell) for cell in cells]
 
 

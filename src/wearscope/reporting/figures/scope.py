@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from wearscope.evaluation.scope_counts import count_matrix, count_scope
+from wearscope.evaluation.scope import count_matrix, count_scope
 from wearscope.reporting.labels import count_text, factor_name, split_groups, unit_text
 from wearscope.reporting.style import figure_style, new_figure
 
@@ -43,7 +43,7 @@ def draw_scope_counts(
     Parameters
     ----------
     counts : DataFrame
-        From `wearscope.evaluation.scope_counts.count_scope`, by the same groups.
+        From `wearscope.evaluation.scope.count_scope`, by the same groups.
     factor : str
         The nuisance that varies.
     factors : sequence of Factor

@@ -15,7 +15,7 @@ from scipy.special import eval_legendre
 
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import CODED_HIGH
-from wearscope.surrogates.goodness import model_fit
+from wearscope.surrogates.kinds.base import model_fit
 
 Array = NDArray[np.float64]
 Basis = Callable[[ArrayLike], Array]

@@ -1,0 +1,283 @@
+"""How two studies differ: settings, versions, tables, and which conclusions."""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from wearscope.archive.manifest import MADE, MANIFEST, Manifest, parse_manifest
+from wearscope.archive.members import read_member, walk_archive
+from wearscope.errors import InputError
+from wearscope.storage import tables
+from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.files import digest_file, load_json
+from wearscope.storage.shown import check_shown
+from wearscope.storage.verdicts import check_verdict
+
+
+def _tell_rank(row: Mapping[str, Any]) -> str:
+    if pd.isna(row["rank"]):
+        return "upper bound"
+    return f"rank {row['rank']:g} ({row['rank_low']:g} to {row['rank_high']:g})"
+
+
+def _tell_audit(row: Mapping[str, Any]) -> str:
+    passes = "passes" if row["passes_direct"] else "fails"
+    return f"{passes} by {'simulation and surrogate' if row['agrees'] else 'simulation alone'}"
+
+
+#: Table, what names a conclusion, columns that say it, and how they are put in words.
+_CONCLUSIONS: tuple[tuple[str, list[str], list[str], Callable[[Mapping[str, Any]], str]], ...] = (
+    ("findings.parquet", ["question", "paper"], ["verdict"], lambda row: str(row["verdict"])),
+    ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"], _tell_rank),
+    (
+        "audit_verdicts.parquet",
+        ["robot", "cycle", "axis", "fda", "factor"],
+        ["passes_direct", "agrees"],
+        _tell_audit,
+    ),
+)
+
+
+def list_results(folder: str | Path) -> list[Path]:
+    """Files of a study's folder that are results: no hidden ones, none that packing makes."""
+    folder = Path(folder)
+    found = []
+    for file in sorted(folder.rglob("*")):
+        parts = file.relative_to(folder).parts
+        hidden = any(part[0] in ".-" for part in parts)
+        if not hidden and "__pycache__" not in parts and parts[0] not in MADE and file.is_file():
+            found.append(file)
+    return found
+
+
+def compare_contents(
+    left: "Content", right: "Content", name_detector: Callable[[str, str], str] = lambda code, use: code
+) -> pd.DataFrame:
+    """Compare two studies.
+
+    Parameters
+    ----------
+    left, right : Content
+    name_detector : callable
+        What conclusions call a detector, of its code and what it uses.
+
+    Returns
+    -------
+    DataFrame
+        One row a setting, package, code version, conclusion or file that differs, and one a table that is the
+        same: ``item``, ``what`` (``setting``, ``version``, ``conclusion``, ``table``, ``file``), ``outcome``
+        (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and
+        timings are left out.
+    """
+    rows = []
+    for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
+        one, other = left.describe(key), right.describe(key)
+        if one and other:  # what only one records tells no difference
+            rows += _compare_mappings(one, other, what, "")
+    rows += _compare_conclusions(left, right, name_detector)
+    for name in sorted(set(left.digests) | set(right.digests)):
+        if name.startswith(("logs/", "benchmarks/")) or name in MADE:
+            continue
+        what = "table" if name.endswith(".parquet") else "file"
+        detail = ""
+        if name not in right.digests or name not in left.digests:
+            outcome = "only in a" if name in left.digests else "only in b"
+        elif left.digests[name] == right.digests[name]:
+            if what == "file":
+                continue
+            outcome = "same bytes"
+        elif what == "file":
+            outcome = "differs"
+        else:
+            detail = compare_tables(left.table(name), right.table(name))
+            outcome = "differs" if detail else "same values"
+        rows.append({"item": name, "what": what, "outcome": outcome, "detail": detail})
+    return pd.DataFrame(rows, columns=["item", "what", "outcome", "detail"])
+
+
+class Content:
+    """An archive or a folder of results, read one file at a time.
+
+    Attributes
+    ----------
+    digests : dict
+        SHA-256 by name.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.manifest: Manifest | None = None
+        if self.path.is_dir():
+            files = list_results(self.path)
+            for file in files:
+                if file.suffix == ".parquet":
+                    tables.check_unpacked(file)  # before all of it is read
+            self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
+            if (self.path / MANIFEST).is_file():
+                self.manifest = parse_manifest((self.path / MANIFEST).read_bytes(), str(self.path))
+        else:
+            self.manifest = walk_archive(self.path)
+            self.digests = {name: entry.sha256 for name, entry in self.manifest.files.items()}
+
+    def describe(self, key: str) -> dict[str, Any]:
+        """A section of the manifest; a folder without one records its settings only, or nothing."""
+        if self.manifest is not None:
+            return self.manifest.model_dump(mode="json")[key]
+        settings = self.path / SETTINGS
+        if key != "config" or not settings.is_file():
+            return {}
+        try:
+            found = load_json(settings.read_bytes())
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
+            raise InputError(f"{settings}: holds no settings; delete it, or run the study again.")
+        return found
+
+    def name_detector(self, code: str, name: Callable[[str, str], str]) -> str:
+        """A detector by what it is called; by its code where the settings have none."""
+        try:
+            one = self.describe("config")["detectors"][code]
+            return name(code, str(one["use"] if isinstance(one, Mapping) else one))
+        except (KeyError, TypeError):
+            return code
+
+    def read(self, name: str) -> bytes:
+        """Content of a file."""
+        if not self.path.is_dir():
+            return read_member(self.path, name)
+        check_shown(self.path / name)
+        return (self.path / name).read_bytes()
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table."""
+        where = f"{self.path}: {name}"
+        content = self.read(name)
+        tables.check_unpacked(content, where)
+        return tables.to_frame(tables.read_arrow(content, name=where), where)
+
+
+def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Iterator[tuple[str, str]]:
+    """Conclusions of a study: what each is about, and what it says."""
+    for name, keys, says, tell in _CONCLUSIONS:
+        if name not in content.digests:
+            continue
+        table = content.table(name)
+        missing = sorted({*keys, *says} - set(table.columns))
+        if missing:
+            raise InputError(
+                f"{content.path}: {name}: has no column {missing[0]}; compare studies, not parts."
+            )
+        stem = PurePosixPath(name).stem
+        for row in table[[*keys, *says]].to_dict("records"):
+            try:
+                said = tell(row)
+            except (TypeError, ValueError):
+                told = f"{content.path}: {name}: a row holds no {' or '.join(says)}"
+                raise InputError(f"{told}; run the study again.") from None
+            named = {key: str(row[key]) for key in keys}
+            if "factor" in named:
+                named["factor"] = _name_factor(content, named["factor"])
+            if "fda" in named:
+                named["fda"] = content.name_detector(named["fda"], name_detector)
+            if "axis" in named:
+                named["axis"] = f"axis {row['axis']}"
+            yield f"{stem}: {', '.join(named.values())}", said
+    for name in sorted(content.digests):
+        if PurePosixPath(name).name == "verdict.json":
+            yield from _conclude_loop(content, name)
+
+
+def _name_factor(content: Content, code: str) -> str:
+    """A factor by its description, by its code where the settings have none."""
+    try:
+        return str(content.describe("config")["factors"][code]["description"])
+    except (KeyError, TypeError):
+        return code
+
+
+def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
+    where = f"{content.path}: {name}"
+    try:
+        verdict = load_json(content.read(name))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: is no verdict ({type(error).__name__}); make it again.") from None
+    named: dict[str, list[str]] = {joint: [] for joint in check_verdict(verdict, where)["joints"]}
+    for entry in verdict["verdict"]:
+        named.setdefault(entry["joint"], []).append(entry["effect"])
+    for joint, effects in named.items():
+        yield f"{PurePosixPath(name).parent}: {joint}", ", ".join(sorted(effects)) or "nothing named"
+
+
+def _compare_conclusions(
+    left: Content, right: Content, name_detector: Callable[[str, str], str]
+) -> list[dict[str, str]]:
+    a, b = (dict(_conclude(one, name_detector)) for one in (left, right))
+    rows = []
+    for item in [*a, *(one for one in b if one not in a)]:
+        if a.get(item) != b.get(item):
+            outcome = "only in a" if item not in b else "only in b" if item not in a else "differs"
+            detail = f"{a.get(item, 'none')} against {b.get(item, 'none')}"
+            rows.append({"item": item, "what": "conclusion", "outcome": outcome, "detail": detail})
+    return rows
+
+
+def _compare_mappings(a: Mapping[str, Any], b: Mapping[str, Any], what: str, prefix: str) -> list[dict]:
+    rows: list[dict] = []
+    for key in sorted(set(a) | set(b)):
+        one, other = a.get(key), b.get(key)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            rows += _compare_mappings(one, other, what, f"{prefix}{key}.")
+        elif one != other:
+            detail = f"{one} against {other}"
+            rows.append({"item": f"{prefix}{key}", "what": what, "outcome": "differs", "detail": detail})
+    return rows
+
+
+def compare_tables(a: pd.DataFrame, b: pd.DataFrame) -> str:
+    """Describe the difference of two tables; empty where their values are equal (NaN equals NaN).
+
+    Parameters
+    ----------
+    a, b : DataFrame
+        Rows are compared in their order.
+
+    Returns
+    -------
+    str
+        E.g. ``y: 12 of 90 rows, largest difference 0.3 (0.1 %)``.
+    """
+    if list(a.columns) != list(b.columns):
+        missing = sorted(set(a.columns) ^ set(b.columns))
+        return f"columns differ: {', '.join(missing)}" if missing else "columns are in another order"
+    if len(a) != len(b):
+        return f"{len(a)} rows against {len(b)}"
+    return "; ".join(filter(None, (_compare_column(name, a[name], b[name]) for name in a.columns)))
+
+
+def _compare_column(name: str, a: pd.Series, b: pd.Series) -> str:
+    numbers = all(
+        pd.api.types.is_numeric_dtype(one) and not pd.api.types.is_bool_dtype(one) for one in (a, b)
+    )
+    if not numbers:
+        different = np.array([_text(x) != _text(y) for x, y in zip(a, b, strict=True)], dtype=bool)
+        return f"{name}: {int(different.sum())} of {len(a)} rows" if different.any() else ""
+    x, y = a.to_numpy(dtype=float), b.to_numpy(dtype=float)
+    same = (x == y) | (np.isnan(x) & np.isnan(y))
+    if same.all():
+        return ""
+    where = f"{name}: {int((~same).sum())} of {len(a)} rows"
+    both = ~same & np.isfinite(x) & np.isfinite(y)
+    if not both.any():
+        return where
+    gap = np.abs(x[both] - y[both])
+    largest = int(np.argmax(gap))
+    scale = max(abs(x[both][largest]), abs(y[both][largest]))
+    return f"{where}, largest difference {gap[largest]:.3g} ({100 * gap[largest] / scale:.2g} %)"
+
+
+def _text(value: object) -> str:
+    return np.array2string(value, threshold=1 << 30) if isinstance(value, np.ndarray) else repr(value)

@@ -1,0 +1,76 @@
+"""``verdict.json`` as those read it who compare and list loops, also of someone else."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from wearscope import limits
+from wearscope.errors import InputError
+from wearscope.storage.files import read_json
+from wearscope.storage.shown import check_shown
+
+
+def _refuse_text(value: Any) -> Any:
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise ValueError("should be a number")
+    return value
+
+
+_Number = Annotated[float | None, BeforeValidator(_refuse_text)]
+_Name = Annotated[str, Field(max_length=limits.TEXT)]
+
+
+class _Open(BaseModel):
+    model_config = ConfigDict(extra="allow")
+
+
+class _Joint(_Open):
+    rms_before: _Number = None
+    rms_after: _Number = None
+    unit: _Name = ""
+
+
+class _Parameter(_Open):
+    ci95: tuple[_Number, _Number] = (None, None)
+
+
+class _Named(_Open):
+    joint: _Name
+    effect: _Name
+    parameters: dict[str, _Parameter] = {}
+
+
+class _Verdict(_Open):
+    joints: Annotated[dict[_Name, _Joint], Field(max_length=limits.JOINTS)]
+    verdict: Annotated[list[_Named], Field(max_length=limits.ENTRIES)]
+    estimates: Annotated[list[_Named], Field(max_length=limits.ENTRIES)] = []
+
+
+def read_verdict(path: str | Path) -> dict[str, Any]:
+    """Content of a ``verdict.json``.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, or its joints and named effects are not as a loop writes them.
+    """
+    check_shown(path)
+    return check_verdict(read_json(path), str(path))
+
+
+def check_verdict(content: Any, where: str) -> dict[str, Any]:
+    """Content of a ``verdict.json`` that was read; `where` is what the sentence calls it.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        _Verdict.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
+        raise InputError(f"{where}: is no verdict ({place}: {told}); make it again.") from None
+    return dict(content)

@@ -1,0 +1,9 @@
+"""An answer in the place of the one before, as a whole."""
+
+from pathlib import Path
+
+from job import run_job
+from wearscope.storage.shown import show_answer
+
+with run_job(snakemake):
+    show_answer(Path(snakemake.output[0]).parent, Path(snakemake.params.folder))
