@@ -10,7 +10,7 @@ def test_imports_are_followed_and_only_they(tmp_path):
     names = {
         file.relative_to(sources.ROOT).as_posix() for file in sources.find_sources(script) if file != script
     }
-    assert {"designs/kinds.py", "designs/factors.py", "designs/seeds.py", "designs/__init__.py"} <= names
+    assert {"designs/kinds.py", "designs/factors.py", "designs/__init__.py"} <= names
     assert {"errors.py", "__init__.py"} <= names
     assert not any(name.startswith(("detectors/", "surrogates/")) for name in names)
 

@@ -30,6 +30,7 @@ os.environ.update(isolate(os.environ))
 from wearscope.cli.study import read_yaml
 from wearscope.cli.workflow import wait_turn
 from wearscope.config import load_config
+from wearscope.config.study import label
 from wearscope.jobs.planning import Plan, needs
 from wearscope.jobs.sources import ROOT as PACKAGE
 from wearscope.jobs.sources import plugin_file

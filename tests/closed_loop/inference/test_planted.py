@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.joints import Small
 from wearscope.closed_loop.diagnosis import diagnose
 
 STRIBECK = (0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})
@@ -113,3 +114,14 @@ def test_a_fine_past_has_no_name(record):
     verdict = diagnose(folder).verdict
     assert [e["effect"] for e in verdict["verdict"] if e["effect"] != "unknown"] == []
     assert verdict["joints"]["a"]["state"] == "unexplained"
+
+
+def test_names_that_share_what_an_effect_of_unbelievable_size_is_are_none(tmp_path):
+    """A joint that bends more than any gear: inertias, an offset and a coupling would share it."""
+    folder = tmp_path / "bent"
+    (planted,) = Small(27, 2).make(folder)["planted"]
+    verdict = diagnose(folder).verdict
+    (joint,) = planted["joints"]
+    assert [e["effect"] for e in verdict["verdict"] if e["joint"] == joint] == []
+    assert verdict["joints"][joint]["state"] == "unexplained"
+    assert f"{planted['effect']} would explain it" in verdict["joints"][joint]["reason"]

@@ -9,8 +9,8 @@ import pandas as pd
 
 from wearscope.closed_loop.inference.detection_limits import find_limits
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
-from wearscope.closed_loop.inference.moves import Moves, list_alternatives
-from wearscope.closed_loop.inference.offers import Offer, list_candidates, list_offers
+from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives
+from wearscope.closed_loop.inference.offers import UNBELIEVABLE, Offer, list_candidates, list_offers
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
@@ -154,6 +154,8 @@ def find_terms(
     past = [t for t in model.terms if t.effect.name == PAST.name]
     left = {t.joint: _tell_past(problem, model, t) for t in past}
     model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
+    model, unbelievable = _compare_unbelievable(moves, model)
+    left |= unbelievable
     found = [_judge(moves, model, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)
@@ -237,6 +239,27 @@ def _tell_past(problem: Problem, model: Model, term: Term) -> Left:
 def _tell_dependence(one: Dependence) -> Left:
     on = f"{'the past of ' if one.past else ''}{', '.join(one.depends_on)}"
     return Left(one.share, one.depends_on, f"it depends on {on}, as no noise of its kind does")
+
+
+def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, Left]]:
+    """The model without names of a joint that one effect of unbelievable size explains better than they do.
+
+    Such names share between them what that effect would be: the joint is left open, and the effect is told.
+    """
+    left = {}
+    joints = model.problem.prepared.dataset.joints
+    for joint in sorted({t.joint for t in model.terms if not (t.effect.standard or t.effect.empirical)}):
+        own = [t for t in model.terms if t.joint == joint and not (t.effect.standard or t.effect.empirical)]
+        rest = model.has([t for t in model.terms if t not in own])
+        for offer in (o for o in list_offers(rest, [joint]) if o.refusal == UNBELIEVABLE):
+            made = rest.extend(offer.term)
+            if moves.score.compare(model, made) > SURELY:
+                depends = offer.term.effect.name_signals(offer.term.model_term.shape, joints, joint)
+                told = f"{offer.term.effect.name} would explain it: {offer.refusal}"
+                left[joint] = Left(_share(rest, made, [joint]), list(dict.fromkeys(depends)), told)
+                model = moves.prune(rest.rescale())
+                break
+    return model, left
 
 
 def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[int, Left], dict[int, str]]:

@@ -13,6 +13,7 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.
 _CANCELS = 12.0
+UNBELIEVABLE = "a parameter is outside its believable bounds"
 _CANCELLED = "its columns cancel each other"
 
 
@@ -146,7 +147,7 @@ def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> 
     made = term.model_term
     values = (*beta.tolist(), *made.shape)
     if not all(low <= x <= high for x, (low, high) in zip(values, problem.bounds(made), strict=True)):
-        return "a parameter is outside its believable bounds"
+        return UNBELIEVABLE
     if abs(float(beta[0])) < problem.least(made):
         return "smaller than can be believed"
     parts, power = np.maximum(np.diag(own), 0.0) * beta**2, max(float(beta @ own @ beta), 1e-300)
