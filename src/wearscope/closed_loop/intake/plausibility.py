@@ -70,7 +70,7 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighe
     found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
     most = np.nan_to_num(left).max(axis=1)
     doubtful, worst = np.flatnonzero(most > _DOUBTFUL), int(np.argmax(most))
-    if len(doubtful) and len(left) > 1 and found.best.leave_by_run().max() > _DOUBTFUL:
+    if len(doubtful) and len(left) > 1:
         _refuse(prepared, whole.pick(whole.run == worst), taken, np.setdiff1d(doubtful, worst), whole)
     return found
 

@@ -263,15 +263,6 @@ class Model:
         start = self.fit.shared + k * count
         return self.x[start : start + count]
 
-    def leave_by_run(self) -> np.ndarray:
-        """Largest share (R,) of a torque's variance that is left in each run."""
-        rows, shares = self.fit.rows, []
-        number = np.unique(rows.run, return_inverse=True)[1]
-        for k, c in enumerate(rows.heard):
-            count = np.bincount(number, rows.counts[:, c])
-            shares.append(np.bincount(number, self.leave(k) ** 2) / np.maximum(count, 1))
-        return np.asarray(np.max(shares, axis=0))
-
     def rub(self, k: int) -> float:
         """Share of the k-th torque's variance that friction makes."""
         own = self.own(k) * np.isin(self.fit.names, ("Coulomb", "viscous", "load", "falling", "falling load"))
