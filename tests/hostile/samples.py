@@ -13,6 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
+from wearscope.robots.dynamics import RigidBody
+from wearscope.robots.urdf import normalise_urdf
+
 ROOT = Path(__file__).parents[2]
 
 LINK = (
@@ -40,7 +43,7 @@ FIELDS = {
     "declared_effects": ["rigid_body", "coulomb", "viscous"], "torque": "motor", "turned": [], "accept": ["unrelated tau"],
     "channels": {"fan": "1"}, "reference": ["a"],
     "runs": [
-        {"file": "a.csv", "use": "train", "session": "a", "payload": {"mass": 1.0, "com": [0, 0, 0.1]}},
+        {"file": "a.csv", "use": "train", "session": "a", "payload": {"mass": 0.0001, "com": [0, 0, 0.1]}},
         {"file": "b.parquet", "use": "test", "session": "b"},
     ],
 }  # fmt: skip
@@ -48,13 +51,17 @@ SERVO = {"law": "current", "kt": 1.2}
 
 
 def make_table(seed: int, rows: int = 1000) -> pd.DataFrame:
-    """A recording of both joints."""
+    """A recording of both joints, with friction and noise."""
     t = np.arange(rows) / 100.0
-    noise = np.random.default_rng(seed).normal(size=(4, rows))
+    rate = 2.0 + np.arange(1, 3) + seed
+    q, v = np.sin(np.outer(t, rate)), rate * np.cos(np.outer(t, rate))
+    body = RigidBody(normalise_urdf(URDF, ("j1", "j2")), ("j1", "j2"))
+    tau = body.inverse_dynamics(q, v, -(rate**2) * q) + np.sign(v) + 0.5 * v
+    tau += 0.1 * np.random.default_rng(seed).normal(size=tau.shape)
     columns = {"t": t, "fan": t}
-    for k in (1, 2):
-        columns[f"q_j{k}"] = np.sin((2 + k + seed) * t)
-        columns[f"tau_j{k}"] = columns[f"current_j{k}"] = 5.0 * np.cos((2 + k + seed) * t) + noise[k]
+    for k in (0, 1):
+        columns[f"q_j{k + 1}"] = q[:, k]
+        columns[f"tau_j{k + 1}"] = columns[f"current_j{k + 1}"] = tau[:, k]
     return pd.DataFrame(columns)
 
 

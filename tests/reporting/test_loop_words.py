@@ -14,6 +14,7 @@ from wearscope.reporting.loop_words import (
     tell_left,
     tell_planted,
     tell_rivals,
+    tell_why,
 )
 
 ENTRY = {
@@ -162,13 +163,44 @@ def test_joints_with_one_name_are_told_together_and_their_rivals_apart():
 
 
 def test_a_load_that_refitted_masses_stand_in_for_is_said_first():
-    note = f"{LOAD}+36 kg (+35 to +37) in addition to the stated one: it removes 96 % of the error. State it."
+    note = (
+        f"{LOAD[0]}+36 kg (+35 to +37) in addition to the stated one: it removes 96 % of the error. State it."
+    )
     loaded = copy.deepcopy(VERDICT) | {"notes": ["another: one.", note]}
     kind, text = conclude_loop(loaded)
-    begun = f"{LOAD}+36 kg (+35 to +37) in addition to the stated one. The declared model "
+    begun = f"{LOAD[0]}+36 kg (+35 to +37) in addition to the stated one. The declared model "
     assert kind == "unsure" and text.startswith(f"{begun}also lacks gravity counterbalance")
     nothing = loaded | {"verdict": []}
     kind, text = conclude_loop(nothing)
     assert kind == "unsure" and text.endswith("Nothing else that the declared model lacks is seen.")
     nothing["joints"]["axis_2"] |= {"state": "unexplained"}
     assert conclude_loop(nothing)[1].endswith("lacks is seen, and axis_2 keeps something unexplained.")
+
+
+def test_loads_by_run_are_said_first():
+    note = f"{LOAD[1]}, b.csv with 1.49 kg (1.47 to 1.5) more than the others: loads by run explain 99 %."
+    kind, text = conclude_loop(VERDICT | {"verdict": [], "notes": [note]})
+    assert kind == "unsure" and text.startswith(f"{note.partition(':')[0]}. Nothing else that the declared")
+
+
+@pytest.mark.parametrize("statuses", [("confirmed", "not_confirmed"), ("not_confirmed", "confirmed")])
+def test_one_delay_of_the_recorder_is_one_name(statuses):
+    """It is confirmed where a joint's motion shows it."""
+    delays = [
+        ENTRY | {"joint": f"axis_{k + 1}", "effect": "time_delay", "equivalent": [], "status": status}
+        for k, status in enumerate(statuses)
+    ]
+    verdict = copy.deepcopy(VERDICT) | {"verdict": delays}
+    verdict["time_delay"] = {"seconds": 0.00994, "joints": ["axis_1", "axis_2"]}
+    assert "lacks one delay of the recorder (9.94 ms) at axis_1 and axis_2. " in conclude_loop(verdict)[1]
+    for one in delays:
+        one["status"] = "not_confirmed"
+    assert "axis_1 and axis_2 (not confirmed)" in conclude_loop(verdict)[1]
+    verdict["time_delay"] = None
+    assert "lacks time delay at axis_1 and axis_2 (not confirmed)" in conclude_loop(verdict)[1]
+
+
+def test_runs_that_contradict_each_other_are_the_reason():
+    reason = "training runs contradict each other: b.csv and the others"
+    assert tell_why({"depends_on": ["t"], "reason": reason}) == reason
+    assert tell_why({"depends_on": ["t"], "reason": "its mean differs"}) == "it depends on time"

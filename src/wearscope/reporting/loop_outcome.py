@@ -95,6 +95,8 @@ def _advise(loop: ClosedLoop) -> Markup:
     sure = any(one["status"] == "confirmed" for one in entries)
     body = kept and any(one["effect"] in list_shared() for one in entries)
     if not sure and (body or (not kept and (tell_load(loop.verdict) or doubt_masses(loop.verdict)))):
+        if tell_load(loop.verdict).startswith("The load differs"):
+            return Markup("State each run's payload in dataset.yaml, and diagnose again.")
         text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
         return text + Markup("<code>--inertials trusted</code> lets the test runs tell a payload's error.")
     if kept and not sure:
@@ -109,6 +111,11 @@ def _advise(loop: ClosedLoop) -> Markup:
         return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine: the corrected model leaves it out.")
+    if apart := loop.verdict.get("contradictory_runs"):
+        told = (
+            "Find out what differs in {} (a touch, a tool), leave it out or declare it, and diagnose again."
+        )
+        return Markup.escape(told.format(join_words(apart)))
     if list_unexplained(loop.verdict, small=False) or tell_noise(loop.verdict):
         text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
         return text + "a missing effect over a signal."

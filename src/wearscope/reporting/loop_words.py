@@ -26,8 +26,8 @@ STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
 #: Most names in a headline.
 _MOST_NAMES = 3
-#: How the note begins on a load that the refitted masses stand in for.
-LOAD = "The refitted masses act as a payload of "
+#: How notes begin on a load that the refitted masses act as, and on loads by run.
+LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")
 
 
 def list_shared() -> set[str]:
@@ -117,12 +117,16 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
             return "unsure", f"Nothing that the declared model lacks is seen, but {noise}."
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     groups: dict[tuple[str, str, bool], list[Verdict]] = {}
+    common = verdict.get("time_delay") or {"joints": []}
+    sure_delay = any(one["status"] == "confirmed" for one in held if one["effect"] == "time_delay")
     for one in held:
         alone = not list_shared().intersection((one["effect"], *one["equivalent"]))
         told = effect_name(one["effect"]) if alone else name_with_rivals(one)
         told = "a torque without a name" if one["effect"] == UNKNOWN else told
-        kept = is_in_model(one)
-        doubts = "" if one["status"] == "confirmed" else " (not confirmed)"
+        kept, sure = is_in_model(one), one["status"] == "confirmed"
+        if one["joint"] in common["joints"] and one["effect"] == "time_delay":
+            told, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", sure_delay
+        doubts = "" if sure else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
         groups.setdefault((told, doubts, kept), []).append(one)
     every = [f"{_tell_group(verdict, told, own)}{doubts}" for (told, doubts, _), own in groups.items()]
@@ -168,7 +172,7 @@ def tell_rivals(verdict: Verdict) -> str:
 
 
 def tell_load(verdict: Verdict) -> str:
-    """A load in the place of refitted masses, as a sentence and a space; empty where there is none."""
+    """A load by run, or in the place of refitted masses, as a sentence and a space; empty where none is."""
     known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
     return f"{known[0]}. " if known else ""
 
@@ -323,6 +327,8 @@ def tell_left(one: Verdict) -> str:
 
 def tell_why(one: Verdict) -> str:
     """How structure that is left was seen; a reason that names signals repeats them by their codes."""
+    if one["reason"].startswith("training runs contradict"):
+        return str(one["reason"])  # which is why it seems to depend on a signal
     if on := join_words([*map(name_signal, one["depends_on"])]):
         return f"it depends on {on}"
     return one["reason"] or "it depends on no known signal"

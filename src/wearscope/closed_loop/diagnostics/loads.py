@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.loads import OTHER, find_other_loads
 from wearscope.closed_loop.model.prediction import Predicted, refit
@@ -18,6 +19,8 @@ from wearscope.effects.vocabulary import session_effects
 _MOST = 0.5
 #: Share of what refitted masses remove that a payload removes, which may be what they stand in for.
 _ALIKE = 0.9
+#: How the note on loads by run begins.
+_DIFFERS = "The load differs between runs"
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
 
@@ -55,13 +58,20 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
     share = 1.0 - own / whole
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
-    told = f"the load differs between runs: loads by run explain {100 * share:.0f} % of what is left"
+    told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
     unit = max(size[0], 1e-300)  # zero where the motion of one joint does not show a mass by itself
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
-        each = ", ".join(f"{file} {m:+.2g} kg" for file, m in zip(files, mass, strict=True))
-        told += f" (mass against the model's: {each})"
-    return [f"{told}; declare each run's payload, or leave out the runs with another load."]
+        more = mass > mass.mean()
+        added = float(mass[more].mean() - mass[~more].mean())
+        half = float(np.sqrt(sum(np.sum(error[k] ** 2) / k.sum() ** 2 for k in (more, ~more))))
+        heavy = ", ".join(np.array(files)[more])
+        each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
+        told = (
+            f"{_DIFFERS}, {heavy} with {added:.3g} kg ({added - half:.3g} to {added + half:.3g}) more than "
+            f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
+        )
+    return [f"{told}. State each run's payload, or leave out the runs with another load."]
 
 
 def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
@@ -106,7 +116,10 @@ def tell_payload(after: Regression) -> list[str]:
     share = (as_stated - by_payload) / max(as_stated - by_masses, 1e-300)
     found = estimate(carried)[-1]
     low, high = found.intervals["mass"]
-    if share < _ALIKE or low <= 0.0 <= high:
+    moment = np.array([found.values[f"moment_{axis}"] for axis in "xyz"])
+    reach = scale_payload(runs[0].signals.rigid_body)[1]
+    # What stands further away than the robot reaches is no payload.
+    if share < _ALIKE or low <= 0.0 <= high or np.linalg.norm(moment) > reach * abs(found.values["mass"]):
         return []
     return [
         f"The refitted masses act as a payload of {found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g}) "

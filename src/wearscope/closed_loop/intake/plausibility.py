@@ -1,9 +1,11 @@
 """Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-The readings of the columns are weighed for all runs together, then for those that the stated reading does not
-explain. A data set is refused with the best reading as the remedy, unless `accept` overrules it; what the
+The readings of the columns are weighed for all runs together, then for the run that agrees least with the others:
+one machine must explain both. A data set is refused with the best reading as the remedy, unless `accept` overrules it; what the
 loop has a name for, and what changes no number, is a note.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,21 +70,24 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighe
     stated = Reading.stated(whole.n)
     taken: dict[str, Reading] = {"late tau": stated} if TIME_DELAY.name in declared else {}
     found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
-    most = np.nan_to_num(left).max(axis=1)
-    doubtful, worst = np.flatnonzero(most > _DOUBTFUL), int(np.argmax(most))
-    if len(doubtful) and len(left) > 1:
-        _refuse(prepared, whole.pick(whole.run == worst), taken, np.setdiff1d(doubtful, worst), whole)
+    alone, together = np.nan_to_num(left).max(axis=1), found.best.leave_by_run()
+    doubtful = np.flatnonzero(np.maximum(alone, together) > _DOUBTFUL).tolist()
+    if doubtful and len(left) > 1:
+        # One that is wrong makes others look so: it is the one without which the rest agrees best.
+        rest = [np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful]
+        worst = doubtful[int(np.argmin(rest))]
+        others = np.setdiff1d(np.flatnonzero(alone > _DOUBTFUL), worst)
+        _refuse(prepared, _doubt(whole, worst), taken, others)
     return found
 
 
-def _refuse(
-    prepared: Prepared,
-    own: Rows,
-    taken: dict[str, Reading],
-    others: np.ndarray,
-    whole: Rows | None = None,
-) -> Weighed:
-    """Refuse readings that suit some rows and most of the others that are doubted; what is left of them."""
+def _doubt(whole: Rows, run: int) -> Rows:
+    """Rows of which only the columns of one run are in question."""
+    return replace(whole, doubted=whole.run == run)
+
+
+def _refuse(prepared: Prepared, own: Rows, taken: dict[str, Reading], others: np.ndarray) -> Weighed:
+    """Refuse readings of all runs, or of one that suit most others that are doubted; what is left of them."""
     found = weigh(own, frozenset(taken))
     while (told := _tell(found, own)) is not None:
         reading = found.best.reading
@@ -90,8 +95,8 @@ def _refuse(
         if any(look_at(own, one) >= look_at(own, reading) for one in taken.values()):
             return Weighed(found.stated, found.stated, [])
         taken.update(dict.fromkeys(told[1], reading))
-        if whole is None or _suits(whole, reading, others):
-            file = "" if whole is None else prepared.runs[int(own.run[0])].file
+        if own.doubted.all() or _suits(own, reading, others):
+            file = "" if own.doubted.all() else prepared.runs[int(own.run[own.doubted][0])].file
             prepared.refuse(str(prepared.dataset.folder / file), told[0], *told[1])
         found = weigh(own, frozenset(taken))
     return found
@@ -120,7 +125,7 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
 
 def _suits(whole: Rows, reading: Reading, others: np.ndarray) -> bool:
     """Whether a reading of some runs suits most others that the stated one does not explain either."""
-    gains = [look_at(whole.pick(whole.run == run), reading) for run in others.tolist()]
+    gains = [look_at(_doubt(whole, run), reading) for run in others.tolist()]
     return not gains or bool(np.mean(np.array(gains) > REFUSE) >= 0.5)
 
 

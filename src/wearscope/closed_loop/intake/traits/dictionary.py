@@ -74,9 +74,15 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
         Without soft gears, friction that falls with the speed, and waves over the position.
     """
     moved, motors = rows.motion(reading), [] if coarse else rows.heard
-    bodies = [_mount(run.signals.rigid_body, reading) for run in rows.prepared.runs]
+    doubted = set(rows.run[rows.doubted].tolist())
+    bodies = [
+        _mount(run.signals.rigid_body, reading) if k in doubted else run.signals.rigid_body
+        for k, run in enumerate(rows.prepared.runs)
+    ]
     known, body = _know(moved, bodies), bodies[int(rows.run[0])]
-    links = body.inertial_regressor(moved.q, moved.v, moved.a)
+    links = np.empty((*known.shape, body.n * N_PARAMETERS))
+    for one, at in _split(moved, bodies):
+        links[at] = one.inertial_regressor(moved.q[at], moved.v[at], moved.a[at])
     inertials = rows.prepared.dataset.fields.robot.inertials
     slack = links @ _list_ways(rows.prepared.runs[0].signals.rigid_body, inertials)
     payload = links[:, :, -N_PARAMETERS:] * scale_payload(body)[0]
@@ -86,7 +92,8 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     if reading.without:
         # A controller takes out the gravity of its own model: that of what it does not know stays.
         bare = reading.without == "robot"
-        known = known - (_know(still, [one.with_payload(None) for one in bodies]) if bare else weight)
+        taken = _know(still, [one.with_payload(None) for one in bodies]) if bare else weight
+        known = known - taken * rows.doubted[:, None]
     soft = _bend(moved, body, motors)
     top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
     load = moved.sign * np.abs(known)
@@ -109,12 +116,16 @@ def _mount(body: RigidBody, reading: Reading) -> RigidBody:
 def _know(moved: Rows, bodies: list[RigidBody]) -> np.ndarray:
     """Torque (N, n) of the stated bodies, each run with the payload that it declares."""
     known = np.zeros_like(moved.q)
-    payloads = [body.payload for body in bodies]
-    for payload in {payloads[k] for k in np.unique(moved.run).tolist()}:
-        at = np.isin(moved.run, [k for k, one in enumerate(payloads) if one == payload])
-        body = bodies[payloads.index(payload)]
+    for body, at in _split(moved, bodies):
         known[at] = body.inverse_dynamics(moved.q[at], moved.v[at], moved.a[at])
     return known
+
+
+def _split(moved: Rows, bodies: list[RigidBody]) -> list[tuple[RigidBody, np.ndarray]]:
+    """Bodies that differ by payload or gravity, and the rows (N,) of the runs of each: bool."""
+    kinds = {k: (bodies[k].payload, bodies[k].gravity) for k in np.unique(moved.run).tolist()}
+    alike = {kind: [k for k, one in kinds.items() if one == kind] for kind in kinds.values()}
+    return [(bodies[runs[0]], np.isin(moved.run, runs)) for runs in alike.values()]
 
 
 def _bend(moved: Rows, body: RigidBody, motors: list[int]) -> np.ndarray:

@@ -39,8 +39,9 @@ class Rows:
         Rows that count for a torque column.
     run, t : ndarray (N,)
         Number of the row's run, and its time in it [s].
-    loaded : ndarray (N,) of bool
-        Rows of runs in which a payload may be that is not stated.
+    loaded, doubted : ndarray (N,) of bool
+        Rows of runs in which a payload may be that is not stated, and of runs that readings are of: the
+        columns of all others are what they are said to be.
     """
 
     prepared: Prepared
@@ -55,6 +56,7 @@ class Rows:
     run: np.ndarray
     t: np.ndarray
     loaded: np.ndarray
+    doubted: np.ndarray
 
     @classmethod
     def of(cls, prepared: Prepared) -> "Rows":
@@ -74,7 +76,7 @@ class Rows:
                     )
                     own["counts"][:, j] = False
             every = np.ones(len(own["t"]), dtype=bool)
-            parts.append({**own, "run": np.full(len(every), k), "loaded": every})
+            parts.append({**own, "run": np.full(len(every), k), "loaded": every, "doubted": every})
         whole = cls(prepared, **{name: np.concatenate([one[name] for one in parts]) for name in parts[0]})
         starts, ends = (np.array([run.t[k] for run in prepared.runs])[whole.run] for k in (0, -1))
         inside = np.minimum(whole.t - starts, ends - whole.t) > LONGEST
@@ -83,12 +85,13 @@ class Rows:
 
     def pick(self, at: np.ndarray) -> "Rows":
         """Some of the rows."""
-        names = (*_MOTION, "tau", "counts", "run", "t", "loaded")
+        names = (*_MOTION, "tau", "counts", "run", "t", "loaded", "doubted")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def thin(self, most: int) -> "Rows":
-        """Rows enough for a first look."""
-        return self.pick(np.arange(0, len(self.q), max(1, len(self.q) // most)))
+        """Rows enough for a first look, as many of runs that are doubted as of others."""
+        parts = [np.flatnonzero(self.doubted), np.flatnonzero(~self.doubted)]
+        return self.pick(np.sort(np.concatenate([one[:: max(1, len(one) // most)] for one in parts])))
 
     @property
     def n(self) -> int:
@@ -137,8 +140,15 @@ class Rows:
     def _splines(self) -> list[interpolate.CubicSpline]:
         return [interpolate.CubicSpline(run.t, run.measured) for run in self.prepared.runs]
 
+    def joint_of(self, reading: Reading) -> np.ndarray:
+        """Joint (n,) that each torque column is of, as `torque` gives them."""
+        return reading.joint_of if self.doubted.all() else np.arange(self.n)
+
     def torque(self, reading: Reading) -> np.ndarray:
-        """Torque columns (N, n) as a reading has them: so much later, before a filter of first order."""
+        """Torque columns (N, n) as a reading has them: so much later, before a filter of first order.
+
+        Where it is of some runs, their columns are exchanged, so that each is of one joint in all runs.
+        """
         out, lag = self.tau.copy(), reading.lag
         for k in np.unique(self.run).tolist() if reading.delay or lag else ():
             at, spline = self.run == k, self._splines[k]
@@ -146,7 +156,10 @@ class Rows:
             out[at] = spline(t) + (lag * spline(t, 1) if lag else 0.0)
         crossed = sorted(reading.crossed)
         out[:, crossed] = self.q[:, crossed]
-        return out * np.array(reading.torque_sign)[reading.joint_of]
+        out *= np.array(reading.torque_sign)[reading.joint_of]
+        if self.doubted.all():
+            return out
+        return np.where(self.doubted[:, None], out[:, list(reading.torque_of)], self.tau)
 
     def motion(self, reading: Reading) -> "Rows":
         """Rows as a reading has the motion."""
@@ -157,8 +170,10 @@ class Rows:
                 own[name][:, j] = x
         powers = {"v": 1, "a": 2, "jerk": 3, "snap": 4}
         own |= {name: own[name] * factor / reading.clock**k for name, k in powers.items()}
-        sign = own["sign"] * np.sign(factor) * np.sign(reading.clock)
-        return replace(self, **own | {"q": own["q"] * factor + reading.zero, "sign": sign})
+        own |= {"sign": own["sign"] * np.sign(factor) * np.sign(reading.clock)}
+        own |= {"q": own["q"] * factor + reading.zero}
+        at = self.doubted[:, None]
+        return replace(self, **{name: np.where(at, own[name], getattr(self, name)) for name in _MOTION})
 
     def _torque_as_motion(self, j: int) -> list[np.ndarray]:
         """Position, its derivatives and direction (N,) of a joint that its torque column holds."""

@@ -61,7 +61,7 @@ class Fit:
 
     def __init__(self, rows: Rows, reading: Reading, columns: Columns) -> None:
         self.rows, self.reading, self.columns = rows, reading, columns
-        heard, joint = rows.heard, reading.joint_of
+        heard, joint = rows.heard, rows.joint_of(reading)
         self.joint = joint[heard]
         tau = rows.torque(reading)
         self.names = np.array(OWN)[: columns.own.shape[2]]
@@ -70,6 +70,8 @@ class Fit:
         self.x, self.y, self.body = [], [], []
         for c, j in zip(heard, self.joint.tolist(), strict=True):
             at, size, sign = rows.counts[:, c, None], abs(reading.size[j]), np.sign(reading.size[j])
+            if not rows.doubted.all():  # it is their torque that is of another size, their friction too
+                sign, size = np.where(rows.doubted[:, None], sign / size, 1.0), 1.0
             scale = float(tau[at[:, 0], c].std()) if c in reading.crossed else rows.scale[c]
             x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, scale, most)]
             body = columns.known[:, j, None] * size / scale * at
@@ -193,8 +195,10 @@ class Fit:
 
     def size_alone(self, k: int) -> float:
         """Torque over what the body needs of the k-th torque by itself, next to a drive."""
-        drive, y = self.x[k][:, self.shared : self.shared + DRIVE], self.y[k] + self.body[k]
-        both = [np.column_stack([self.body[k], drive[:, first:]]) for first in (0, 1)]
+        at = self.rows.doubted
+        drive, body = self.x[k][at, self.shared : self.shared + DRIVE], self.body[k][at]
+        y = self.y[k][at] + body
+        both = [np.column_stack([body, drive[:, first:]]) for first in (0, 1)]
         found = [np.linalg.lstsq(x, y, rcond=None)[0] for x in both]
         left = [float(np.mean((y - x @ one) ** 2)) for x, one in zip(both, found, strict=True)]
         # Where a drive's inertia and the body move alike, all of it is taken for the body's.
@@ -262,6 +266,19 @@ class Model:
         count = len(self.fit.names)
         start = self.fit.shared + k * count
         return self.x[start : start + count]
+
+    def leave_by_run(self) -> np.ndarray:
+        """Largest share (R,) of a torque's variance in a run that is left there."""
+        rows, shares = self.fit.rows, []
+        number = np.unique(rows.run, return_inverse=True)[1]
+        for k, c in enumerate(rows.heard):
+            at = rows.counts[:, c]
+            count = np.maximum(np.bincount(number, at), 1)
+            y = np.where(at, rows.tau[:, c] / rows.scale[c], 0.0)
+            spread = np.bincount(number, y**2) / count - (np.bincount(number, y) / count) ** 2
+            left = np.bincount(number, self.leave(k) ** 2) / count
+            shares.append(np.divide(left, spread, out=0.0 * left, where=spread > _EPS))
+        return np.asarray(np.max(shares, axis=0))
 
     def rub(self, k: int) -> float:
         """Share of the k-th torque's variance that friction makes."""
