@@ -179,6 +179,11 @@ def join_words(words: Sequence[str], last: str = "and") -> str:
     return f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
+def join_some(words: Sequence[str], most: int = 3) -> str:
+    """As `join_words`; of more than `most` the first ones, and how many there are more."""
+    return join_words([*words[:most], *([f"{len(words) - most} more"] if len(words) > most else [])])
+
+
 def finite(values: object) -> np.ndarray:
     """Finite values as a float array."""
     array = np.asarray(values, dtype=float)

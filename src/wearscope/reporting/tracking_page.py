@@ -18,6 +18,7 @@ from wearscope.reporting.labels import (
     change_name,
     count_text,
     effect_name,
+    join_some,
     join_words,
     parameter_name,
     unit_text,
@@ -181,8 +182,6 @@ def tracking_strip(tracking: Tracking) -> Strip:
         f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)} since {one['since']}"
         for one in list_first(last["changes"])
     ]
-    if len(changes) > _MOST_TOLD:
-        changes = [*changes[:_MOST_TOLD], f"{len(changes) - _MOST_TOLD} more"]
     hidden, unknown = last["cannot_tell"], tracking.open_changes()
     answer, kind = "Nothing changed since the machine was healthy.", "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
@@ -195,7 +194,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
         caveat = upper_first(caveat.partition(": ")[2])
         action = Markup.escape(remedy) if remedy else action
     if changes:
-        answer, kind = f"Changed: {join_words(changes)}.", "bad"
+        answer, kind = f"Changed: {join_some(changes, _MOST_TOLD)}.", "bad"
         action = Markup('See <a href="#friction">it over the sessions</a>.')
         if any(one["effect"] in _WEARS for one in last["changes"]):
             action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
