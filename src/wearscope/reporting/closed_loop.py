@@ -120,9 +120,9 @@ def bounded(value: float, interval: Sequence[Any] | None) -> str:
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
-    Those that its verdict names, those that what is left unexplained depends on, then those along which the
-    medians of the residual before scatter most. The direction of motion is drawn as the speed, where it is a
-    step.
+    First the signals that its verdict names, then those that the unexplained residual depends on, then those
+    along which the medians of the residual before the correction scatter most. The direction of motion is
+    drawn over the speed, of which it is a step.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
     wanted += loop.verdict["joints"][joint]["depends_on"]

@@ -125,7 +125,7 @@ def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
 def conclude(found: Detections) -> list[tuple[str, str]]:
     """Conclusions, alarms first: kind (``alarm``, ``notice``, ``plain``) and sentence.
 
-    Recordings of which the same is said share a sentence.
+    Recordings with the same outcome share a sentence.
     """
     said: dict[tuple[str, str], list[str]] = {}
     lead = lead_verdicts(found.judged)
