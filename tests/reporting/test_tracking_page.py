@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
+from wearscope.reporting.page_strip import read_strip
 from wearscope.reporting.tracking_page import (
     Tracking,
     list_panels,
@@ -35,7 +36,7 @@ WORN = {
     "parameters": {"eta7": {"value": 0.06, "ci95": [0.03, 0.1], "unit": "N m"}}, "fixed": {"alpha": 1.0},
 }  # fmt: skip
 OUTCOME = {
-    "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01,
+    "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01, "friction_limit": 0.3,
     "reference_scatter": [{"session": "d0", "joint": "b", "rms": 3.1, "others": 0.21}],
     "sessions": [
         {"session": "d3", "changes": [ENTRY], "cannot_tell": [], "smallest_visible": SEEN},
@@ -43,7 +44,7 @@ OUTCOME = {
     ],
     "wear": [WORN],
     "trends": [{"joint": "a", "effect": "friction", "slope": 0.02, "ci95": [0.01, 0.03], "unit": "1/session",
-                "p": 0.01}],
+                "p": 0.01, "sessions_left": [5.2, 3.4, 8.9]}],
     "healthy": {"terms": [{"joint": "a", "effect": "coulomb"}],
                 "temperatures": {"a": [20.0, 30.0], "b": None},
                 "scatter": {"friction": 0.01, "torque": 0.002, "sessions": 2}},
@@ -183,3 +184,14 @@ def test_wear_is_told_as_what_it_adds_to_friction():
     sessions = [{"session": "d4", "changes": [wear], "cannot_tell": [], "smallest_visible": SEEN}]
     strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
     assert "Changed: wear at a (+12 % friction) since d3." in strip.answer
+
+
+def test_time_until_the_limit_is_told_where_friction_surely_rises(tmp_path):
+    told = "a reaches +30 % friction in 6 (4 to 9) sessions at this pace. "
+    page = write(tmp_path, OUTCOME)
+    assert "sessions until +30 %" in page and "6 (4 to 9)" in page
+    assert read_strip(tmp_path / "report.html").action.startswith(told)
+    for left, said in (([None, None, None], "no sure rise"), ([-1.5, -2.0, -1.0], "reached")):
+        trend = OUTCOME["trends"][0] | {"sessions_left": left}
+        assert said in write(tmp_path, OUTCOME | {"trends": [trend]})
+        assert read_strip(tmp_path / "report.html").action.startswith("See how it grows")
