@@ -105,7 +105,7 @@ def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_pat
     tracking = read_tracking(tmp_path)
     assert list(trend_names(tracking).values()) == [
         "friction [% of healthy]",
-        "Coulomb friction of a, level [N m]",
+        "Coulomb friction at a, level [N m]",
     ]
     table = trend_table(tracking)
     shares = table[(table["what"] == "friction") & (table["joint"] == "a")]
@@ -113,7 +113,7 @@ def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_pat
     assert shares["value"].to_numpy() == pytest.approx(100 * np.array([6, 7, 8, 9]) / 6)
     assert shares["low"].iloc[0] == pytest.approx(100 * 5.8 / 6)
     assert shares["state"].to_list() == ["healthy, held out"] * 2 + ["change named"] * 2
-    level = table[table["what"] == "Coulomb friction of a, level"]
+    level = table[table["what"] == "Coulomb friction at a, level"]
     assert level["value"].to_list() == [6.0, 7.0, 8.0, 9.0] and set(level["joint"]) == {"a"}
     other = table.loc[table["joint"] == "b", "state"].to_list()
     assert other == ["healthy, held out"] * 2 + ["no change named", "changed, cause not told"]
@@ -176,7 +176,7 @@ def test_each_joint_that_changed_has_a_panel_with_its_alarm_line(tmp_path):
     body = table[table["effect"] == "coulomb"].assign(effect="payload_error", parameter="mass", unit="kg")
     tracking = Tracking(OUTCOME | {"sessions": moved}, pd.concat([table, body]))
     (title, axis, rows) = list_panels(tracking, trend_table(tracking))["panel-0"]
-    assert (title, axis) == ("Payload error of a, mass", "mass [kg]") and rows["alarm"].isna().all()
+    assert (title, axis) == ("Weight on the link of a, mass", "mass [kg]") and rows["alarm"].isna().all()
 
 
 def test_wear_is_told_as_what_it_adds_to_friction():

@@ -26,7 +26,8 @@ COLUMNS = {
 #: Parameters whose code alone would say too little, as people call them.
 PARAMETERS = {
     "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
-    "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
+    "eta7": "low-speed friction of wear", "eta8": "its speed",
+    "eta9": "viscous friction of wear",
     "alpha": "an exponent of low-speed friction", "sine1": "amplitude of the sine of position",
     "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
     "cosine2": "amplitude of the cosine of twice the position",

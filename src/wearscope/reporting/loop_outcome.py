@@ -237,7 +237,7 @@ def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
             for stage, (_, place) in own.items()
             if stage != "before"
         }
-        rows.append({"body": name} | masses | places)
+        rows.append({"body": name, **masses, **places})
     return rows
 
 

@@ -108,11 +108,8 @@ class Tracking:
         for joint, effect, parameter in dict.fromkeys(asked + [one for one in changed if one[1] != _SHARE]):
             own = table[(table["joint"] == joint) & (table["effect"] == effect)]
             own = own[own["parameter"] == parameter].drop_duplicates("session").set_index("session")
-            name = (
-                f"{joint} {_SHARE}"
-                if effect == _SHARE
-                else f"{effect_name(effect)} of {joint}, {parameter_name(parameter)}"
-            )
+            what = f"{change_name(effect, joint)}, {parameter_name(parameter)}"
+            name = f"{joint} {_SHARE}" if effect == _SHARE else what
             found[name] = own.reindex(sessions).assign(joint=joint, effect=effect)
         return found
 
@@ -237,10 +234,10 @@ def _tell_size(tracking: Tracking, entry: Mapping[str, Any]) -> str:
 
 def tell_left(trend: Mapping[str, Any]) -> str:
     """Sessions until a joint's friction is at the limit, at its pace so far."""
-    left, *ends = (np.nan if one is None else one for one in trend.get("sessions_left", [None] * 3))
+    left, low, high = np.ceil(np.array(trend.get("sessions_left", [None] * 3), dtype=float))
     if np.isnan(left):
         return "no sure rise"
-    return interval_text(np.ceil(left), *np.ceil(ends), 3) if left > 0.0 else "reached"
+    return interval_text(left, low, high) if left > 0.0 else "reached"
 
 
 def tell_limits(tracking: Tracking, joints: Container[str]) -> str:
@@ -400,7 +397,7 @@ def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str,
     firsts = [one for session in tracking.outcome["sessions"] for one in list_first(session["changes"])]
     wanted: dict[tuple[str, str], None] = {}
     for one in firsts:
-        what = f"{effect_name(one['effect'])} of {one['joint']}, {parameter_name(one['parameter'])}"
+        what = f"{change_name(one['effect'], one['joint'])}, {parameter_name(one['parameter'])}"
         wanted[one["joint"], _SHARE if one["effect"] in _WEARS else what] = None
     for place in range(len(tracking.outcome["sessions"])):
         wanted |= {(joint, _SHARE): None for joint in tracking.open_changes(place)}

@@ -211,7 +211,8 @@ def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: f
     """Straight line through each joint's friction over the later sessions, as a share of it by session."""
     found = []
     for j, joint in enumerate(joints):
-        trend = fit_trend(*collect_series(later, f"{FRICTION}@{j}"), limit)
+        values, errors = collect_series(later, f"{FRICTION}@{j}")
+        trend = fit_trend(values, errors, limit)
         if trend is not None:
             found.append(
                 {
