@@ -41,7 +41,8 @@ ROOMS = {
     },
     "naming": (
         [f"{INFERENCE}/{name}.py" for name in "gram score moves offers answer".split()],
-        ["tests/closed_loop/inference", "tests/closed_loop/test_recovery.py"],
+        [f"tests/closed_loop/inference/test_{name}.py" for name in "gram planted score".split()]
+        + ["tests/closed_loop/test_recovery.py"],
     ),
 }
 #: Of cosmic-ray's, what makes another value of an operator, not another type.

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
-from benchmarks.detection import fit_detection
 from benchmarks.scoring import REPEATING
 
 Share = dict[str, Any]
@@ -180,8 +179,7 @@ def summarise(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
         `cases`, `seconds` of processor (median and largest), `total` (by score: `share`, `hits`, `cases`,
         `ci95`),
         `axes` (by axis and level, the same for the scores of `BY_AXIS`), `repeating_nulls` (nulls with hum
-        or events, which may be `unexplained`), `detection` (see `detection.fit_detection`), `errors` (the
-        messages, counted).
+        or events, which may be `unexplained`), `errors` (the messages, counted).
     """
     levels = bin_axes(cases)
     entry_levels = bin_axes(entries) if len(entries) else pd.DataFrame()
@@ -201,7 +199,6 @@ def summarise(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
         "total": {key: tell_share(pick(cases, entries)) for key, (_, pick, _, _) in SCORES.items()},
         "repeating_nulls": tell_share(repeating["false_in_null"]),
         "axes": axes,
-        "detection": fit_detection(entries),
         "errors": {str(error): int(count) for error, count in errors.items()},
     }
 
@@ -235,8 +232,6 @@ def write_markdown(summary: dict[str, Any]) -> str:
     for key, (words, _, _, target) in SCORES.items():
         lines.append(f"| {words} | {_words(summary['total'][key])} | {target} |")
     lines.append(f"| of the nulls, those with hum or events | {_words(summary['repeating_nulls'])} | |")
-    detection = summary["detection"]
-    lines += ["", *_tell_detection(detection)]
     lines += ["", "| axis | level | " + " | ".join(BY_AXIS) + " |", "|---|---|" + "---|" * len(BY_AXIS)]
     for axis, levels in sorted(summary["axes"].items(), key=lambda item: -_badness(item[1])):
         for level, shares in sorted(
@@ -250,13 +245,3 @@ def write_markdown(summary: dict[str, Any]) -> str:
             f"| {error.replace('|', '/')[:160]} | {count} |" for error, count in summary["errors"].items()
         ]
     return "\n".join(lines) + "\n"
-
-
-def _tell_detection(detection: dict[str, Any]) -> list[str]:
-    if detection.get("a90_95") is None:
-        return [f"Probability of detection: {detection['note']}."]
-    return [
-        f"Probability of detection over {detection['effects']} separable effects: found in 90 % of cases "
-        f"from {detection['a90']:.2f} times the just findable size on, with 95 % confidence from "
-        f"{detection['a90_95']:.2f} times on (slope {detection['slope']:.2f} by factor of e)."
-    ]

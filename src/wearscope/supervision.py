@@ -22,11 +22,11 @@ _FROM_OUTSIDE = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
 
 
 class ProcessLost(Exception):
-    """A process went on no longer; the message says why, as what follows the name of what it did."""
+    """A process died; the message says why, worded to follow the name of its work."""
 
 
 class ProcessKilled(InputError):
-    """A process was ended by somebody else, which tells nothing of what it did."""
+    """A process was ended from outside, which says nothing about its work."""
 
 
 def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:

@@ -1,16 +1,14 @@
-"""The scorer on hand-made verdicts, the summary's intervals, and the curve of detection."""
+"""The scorer on hand-made verdicts and the summary's intervals."""
 
 import json
 import time
 
-import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import beta
 
 from benchmarks.board.regimes import list_cases
 from benchmarks.board.separability import CONTAINED
-from benchmarks.detection import find_size, fit_detection
 from benchmarks.runner import failed_result, run_cases, write_results
 from benchmarks.scoring import score_case
 from benchmarks.summary import SCORES, tell_share
@@ -137,32 +135,6 @@ def test_shares_have_the_clopper_pearson_interval():
     assert share["ci95"] == pytest.approx([beta.ppf(0.025, 3, 8), beta.ppf(0.975, 4, 7)])
     assert tell_share(pd.Series([False] * 5))["ci95"][0] == 0.0
     assert tell_share(pd.Series(dtype=object))["share"] is None
-
-
-def test_the_curve_of_detection_recovers_a_planted_one():
-    rng = np.random.default_rng(3)
-    size = np.exp(rng.uniform(-2, 3, 4000))
-    found = rng.uniform(size=4000) < 1 / (1 + np.exp(-(-1.0 + 2.0 * np.log(size))))
-    rate = rng.choice([50.0, 1000.0], 4000)
-    rows = pd.DataFrame(
-        {"kind": "planted", "outside": False, "separable": True, "times_findable": size, "found": found,
-         "axis_rate": rate}
-    )  # fmt: skip
-    fit = fit_detection(rows)
-    wanted = np.exp((np.log(9) + 1.0) / 2.0)
-    assert fit["a90"] == pytest.approx(wanted, rel=0.12)
-    assert fit["a90"] < fit["a90_95"] < 1.3 * fit["a90"]
-    effect = fit["axes"]["rate"]
-    assert abs(effect["by_factor_e"]) < 3 * effect["standard_error"]
-    assert fit_detection(rows[:5])["a90_95"] is None
-    assert fit_detection(rows.assign(found=True))["a90_95"] is None
-
-
-def test_the_bound_on_the_size_widens_with_the_uncertainty():
-    parameters = np.array([-1.0, 2.0])
-    exact = find_size(parameters, np.zeros((2, 2)))
-    assert exact[0] == exact[1] == pytest.approx(np.exp((np.log(9) + 1) / 2))
-    assert find_size(parameters, np.eye(2) * 0.01)[1] > exact[0]
 
 
 def test_a_failed_case_finds_nothing_and_says_why(tmp_path):

@@ -35,8 +35,8 @@ from wearscope.config import load_config
 from wearscope.errors import InputError
 from wearscope.processes import bound_memory
 from wearscope.reporting.style import figure_bytes, new_figure
-from wearscope.starters.model_text import _flow
 from wearscope.starters.recordings import read_recording
+from wearscope.starters.writing import flow
 from wearscope.storage.checksums import SETTINGS, check_file, find_output, record_checksums
 from wearscope.storage.files import DamagedFile, load_json
 from wearscope.storage.plain_yaml import load_plain_yaml
@@ -339,7 +339,7 @@ def test_a_file_where_results_go_is_told(tmp_path, monkeypatch):
 
 def test_joints_that_yaml_reads_as_something_else_are_quoted():
     names = ["yes", "1", "null", "*a", "a: b", "x #y", "~", "é"]
-    assert yaml.safe_load(_flow(names)) == names
+    assert yaml.safe_load(flow(names)) == names
 
 
 def test_a_dollar_in_a_description_begins_no_formula():

@@ -118,7 +118,7 @@ def test_scope_sentences_rank_the_detectors(study, change):
     scope = study.scope.copy()
     scope["passes"] = (scope["fda"] == "B") | ((scope["fda"] == "A") & (scope["delta"] > 2))
     said = effective_scope(change(scope=scope))
-    assert "Distribution distance (B) 100 %, Residual energy (A) 40 %, Friction fit (C) 0 %" in said[0]
+    assert "Distribution distance (B) 100 %, Residual energy (A) 40 % and Friction fit (C) 0 %" in said[0]
     assert said[2] == (
         "With a change of wear of 50, half the cells of Distribution distance (B) tolerate a temperature "
         "with σ up to 10 °C, the end of the grid."

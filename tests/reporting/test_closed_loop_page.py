@@ -474,10 +474,13 @@ def test_what_was_fitted_is_a_table_with_intervals_and_units(tmp_path):
     without = render_parameters(read_closed_loop(tmp_path))
     assert "Coulomb" not in without and "Stribeck" in without
     write_models(tmp_path)
-    text = re.sub(r"<[^>]+>", " ", render_parameters(read_closed_loop(tmp_path)))
+    (tmp_path / "robot.urdf").write_text(URDF.format(z=0.2, m=4.0))
+    text = re.sub(r"<[^>]+>", " ", render_parameters(read_closed_loop(tmp_path, tmp_path / "robot.urdf")))
     row = " ".join(text.split())
     assert re.search(r"a Coulomb friction \w+( \w+)* 10 12 11 to 13 N m", row), row
-    assert "arm 5 5.5 0, 0, 0.25" in row and "payload, as declared 2 2 0, 0, 0.1" in row
+    assert "mass declared [kg] mass before [kg] mass after [kg] centre of mass declared [m]" in row
+    assert "arm 4 5 5.5 0, 0, 0.2 0, 0, 0.25" in row
+    assert "payload, as declared 2 2 2 0, 0, 0.1 0, 0, 0.1" in row
 
 
 def test_an_error_is_smaller_only_where_it_falls_by_more_than_half_a_percent(tmp_path):

@@ -192,37 +192,58 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
     assert strip.caveat.endswith("The friction of a may have changed.")
 
 
+SCOPE = " Judged at 1 of 3 joints, for 12 s. 1 more recording refused."
+
+
 @pytest.mark.parametrize(
-    "verdicts",
+    ("verdicts", "answer", "kind"),
     [
-        ["alarm", "no alarm"],
-        ["no alarm", "no alarm"],
-        ["withheld", "no alarm"],
-        ["withheld", "failed"],
-        ["unchecked", "no alarm"],
+        (["alarm", "no alarm"], f"Alarm in 1 of 2 recordings: r0 at a, by C.{SCOPE}", "bad"),
+        (["no alarm", "no alarm"], f"No alarm in 2 recordings.{SCOPE}", "good"),
+        (["withheld", "no alarm"], f"No alarm in 1 recording; 1 could not be judged.{SCOPE}", "unsure"),
+        (["withheld", "failed"], "None of 2 recordings could be judged.", "unsure"),
+        (
+            ["unchecked", "no alarm"],
+            f"Above the threshold, but not confirmed, in 1 of 2 recordings: day at a, by C.{SCOPE}",
+            "unsure",
+        ),
     ],
 )
-def test_a_detection_s_strip_counts_its_verdicts(verdicts, tmp_path):
+def test_a_detection_s_strip_counts_its_verdicts(verdicts, answer, kind, tmp_path):
+    strip = shown(detection_strip(detections(verdicts)), tmp_path)
+    assert (strip.answer, strip.kind) == (answer, kind)
+    judged = {"alarm", "no alarm"}.intersection(verdicts) and "unchecked" not in verdicts
+    assert numbers_of(strip.sure) == ([2.0] if judged else [])
+    assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
+    assert strip.caveat.startswith("Too few nominal sessions") == ("unchecked" in verdicts)
+
+
+def test_a_recording_without_an_alarm_is_told_with_the_wear_that_would_have_raised_one(tmp_path):
+    quiet = ["no alarm"]
+    seen = shown(detection_strip(detections(quiet, wear_detected=[12.0, 30.0])), tmp_path).caveat
+    assert seen.startswith("Wear below 12 may raise none;")  # the other detector is less sensitive
+    unseen = shown(detection_strip(detections(quiet, wear_detected=[np.nan, np.nan])), tmp_path).caveat
+    assert unseen.startswith("Which wear would raise one at a is unknown;")
+
+
+def test_a_value_above_an_unconfirmed_threshold_is_no_quiet_recording():
+    both = detections(["no alarm", "unchecked"])
+    both = replace(both, detection=both.detection.assign(run="r0", session=""))
+    ((kind, told),) = conclude(both)
+    assert kind == "notice" and told.startswith("r0: not decided. Above the threshold, but too few")
+
+
+def detections(verdicts, wear_detected=(12.0,)):
+    """A recording for each verdict of one joint and detector."""
     rows = [
         {"run": f"r{k}", "kind": "judged", "joint": "a", "fda": "C", "verdict": one}
+        | {"session": "day" if one == "unchecked" else ""}
         for k, one in enumerate(verdicts)
     ]
     judged = {"joints": 1, "of": 3, "seconds": 12.3, "refused": ["r9: of another motion"]}
     summary = {"setting": {"p_f": 0.02}, "judged": judged, "refused": [{"run": "r9"}]}
-    found = Detections(summary, pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame())
-    strip = shown(detection_strip(found), tmp_path)
-    alarms = verdicts.count("alarm")
-    decided = alarms + verdicts.count("no alarm")
-    told = {
-        0: "None of 2 recordings could be judged.",
-        1: "No alarm in 1 recording; 1 could not be judged.",
-        2: "No alarm in 2 recordings.",
-    }[decided]
-    told = f"Alarm in {alarms} of 2 recordings, at a, by C." if alarms else told
-    scope = " Judged at 1 of 3 joints, for 12 s. 1 more recording refused." if decided else ""
-    assert strip.answer == told + scope and numbers_of(strip.sure) == ([2.0] if decided else [])
-    assert (strip.kind == "good") == (not alarms and decided == 2)
-    assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
+    thresholds = pd.DataFrame({"motion": "m", "joint": "a", "wear_detected": list(wear_detected)})
+    return Detections(summary, pd.DataFrame(rows), thresholds, pd.DataFrame())
 
 
 def test_recordings_of_which_the_same_is_said_share_a_sentence_with_the_detector_s_name(tmp_path):

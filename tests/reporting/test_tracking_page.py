@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from wearscope.errors import InputError
+from wearscope.reporting.page_strip import read_strip
 from wearscope.reporting.tracking_page import (
     Tracking,
     list_panels,
@@ -35,7 +36,7 @@ WORN = {
     "parameters": {"eta7": {"value": 0.06, "ci95": [0.03, 0.1], "unit": "N m"}}, "fixed": {"alpha": 1.0},
 }  # fmt: skip
 OUTCOME = {
-    "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01,
+    "dataset": "arm", "reference": ["d1", "d2"], "false_alarm_rate": 0.01, "friction_limit": 0.3,
     "reference_scatter": [{"session": "d0", "joint": "b", "rms": 3.1, "others": 0.21}],
     "sessions": [
         {"session": "d3", "changes": [ENTRY], "cannot_tell": [], "smallest_visible": SEEN},
@@ -43,7 +44,7 @@ OUTCOME = {
     ],
     "wear": [WORN],
     "trends": [{"joint": "a", "effect": "friction", "slope": 0.02, "ci95": [0.01, 0.03], "unit": "1/session",
-                "p": 0.01}],
+                "p": 0.01, "sessions_left": [5.2, 3.4, 8.9]}],
     "healthy": {"terms": [{"joint": "a", "effect": "coulomb"}],
                 "temperatures": {"a": [20.0, 30.0], "b": None},
                 "scatter": {"friction": 0.01, "torque": 0.002, "sessions": 2}},
@@ -104,7 +105,7 @@ def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_pat
     tracking = read_tracking(tmp_path)
     assert list(trend_names(tracking).values()) == [
         "friction [% of healthy]",
-        "Coulomb friction of a, level [N m]",
+        "Coulomb friction at a, level [N m]",
     ]
     table = trend_table(tracking)
     shares = table[(table["what"] == "friction") & (table["joint"] == "a")]
@@ -112,7 +113,7 @@ def test_the_trend_has_friction_in_per_cent_and_what_changed_in_its_unit(tmp_pat
     assert shares["value"].to_numpy() == pytest.approx(100 * np.array([6, 7, 8, 9]) / 6)
     assert shares["low"].iloc[0] == pytest.approx(100 * 5.8 / 6)
     assert shares["state"].to_list() == ["healthy, held out"] * 2 + ["change named"] * 2
-    level = table[table["what"] == "Coulomb friction of a, level"]
+    level = table[table["what"] == "Coulomb friction at a, level"]
     assert level["value"].to_list() == [6.0, 7.0, 8.0, 9.0] and set(level["joint"]) == {"a"}
     other = table.loc[table["joint"] == "b", "state"].to_list()
     assert other == ["healthy, held out"] * 2 + ["no change named", "changed, cause not told"]
@@ -175,7 +176,7 @@ def test_each_joint_that_changed_has_a_panel_with_its_alarm_line(tmp_path):
     body = table[table["effect"] == "coulomb"].assign(effect="payload_error", parameter="mass", unit="kg")
     tracking = Tracking(OUTCOME | {"sessions": moved}, pd.concat([table, body]))
     (title, axis, rows) = list_panels(tracking, trend_table(tracking))["panel-0"]
-    assert (title, axis) == ("Payload error of a, mass", "mass [kg]") and rows["alarm"].isna().all()
+    assert (title, axis) == ("Weight on the link of a, mass", "mass [kg]") and rows["alarm"].isna().all()
 
 
 def test_wear_is_told_as_what_it_adds_to_friction():
@@ -183,3 +184,14 @@ def test_wear_is_told_as_what_it_adds_to_friction():
     sessions = [{"session": "d4", "changes": [wear], "cannot_tell": [], "smallest_visible": SEEN}]
     strip = tracking_strip(Tracking(OUTCOME | {"sessions": sessions}, pd.DataFrame()))
     assert "Changed: wear at a (+12 % friction) since d3." in strip.answer
+
+
+def test_time_until_the_limit_is_told_where_friction_surely_rises(tmp_path):
+    told = "a reaches +30 % friction in 6 (4 to 9) sessions at this pace. "
+    page = write(tmp_path, OUTCOME)
+    assert "sessions until +30 %" in page and "6 (4 to 9)" in page
+    assert read_strip(tmp_path / "report.html").action.startswith(told)
+    for left, said in (([None, None, None], "no sure rise"), ([-1.5, -2.0, -1.0], "reached")):
+        trend = OUTCOME["trends"][0] | {"sessions_left": left}
+        assert said in write(tmp_path, OUTCOME | {"trends": [trend]})
+        assert read_strip(tmp_path / "report.html").action.startswith("See how it grows")

@@ -1,6 +1,7 @@
 """Temperature, change points and trends against truth that is drawn."""
 
 import numpy as np
+import pytest
 
 from wearscope.tracking.structure import SLOPE, temperature_features
 from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
@@ -64,7 +65,17 @@ def test_trend_is_found_with_an_interval_that_covers_it():
     inside = []
     for _ in range(200):
         values = 0.02 * np.arange(12) + 0.01 * rng.normal(size=12)
-        trend = fit_trend(values, np.full(12, 0.01))
-        inside.append(trend.low <= 0.02 <= trend.high)
-    assert np.mean(inside) > 0.9
-    assert fit_trend(np.arange(3.0), np.ones(3)) is None
+        trend = fit_trend(values, np.full(12, 0.01), 0.3)
+        _, first, last = trend.left
+        inside.append((trend.low <= 0.02 <= trend.high, first <= 15.0 - 11.0 <= last))
+    assert (np.mean(inside, axis=0) > 0.9).all()
+    assert fit_trend(np.arange(3.0), np.ones(3), 0.3) is None
+
+
+def test_sessions_until_a_limit_are_those_of_the_line_and_none_are_told_of_one_that_may_not_rise():
+    errors = np.full(6, 0.01)
+    rising = 0.02 * np.arange(6) + 1e-4 * np.array([1, -1, 1, -1, 1, -1])
+    left, first, last = fit_trend(rising, errors, 0.3).left
+    assert left == pytest.approx(10.0, abs=0.2) and first < left < last
+    assert fit_trend(rising, errors, 0.05).left[0] < 0.0  # it is there already
+    assert np.isnan(fit_trend(-rising, errors, 0.3).left).all()

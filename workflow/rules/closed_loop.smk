@@ -87,6 +87,8 @@ rule close_demonstration:
 
 rule report_demonstration:
     input:
+        dataset=rules.record_demonstration.output.dataset,
+        urdf=rules.record_demonstration.output.urdf,
         tables=DEMONSTRATION,
         code=lambda w: code("report_loop"),
         style=REPORT_FILES,
@@ -133,6 +135,7 @@ if STUDY.dataset is not None:
 
     rule report_loop:
         input:
+            **DATASET_INPUTS,
             tables=LOOP,
             code=lambda w: code("report_loop"),
             style=REPORT_FILES,

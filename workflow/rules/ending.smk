@@ -21,4 +21,4 @@ onsuccess:
 
 
 onerror:
-    end_badly(Path(log), list(workflow.dag_settings.targets))
+    end_badly(log, list(workflow.dag_settings.targets))

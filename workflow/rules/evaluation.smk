@@ -147,7 +147,7 @@ rule draw_conclusion:
         direct=DIRECT_TABLES,
         code=lambda w: code("draw_conclusion"),
     output:
-        conclusion=f"{R}/conclusion.json",
+        conclusion=update(f"{R}/conclusion.json"),
         thresholds=f"{R}/thresholds.parquet",
         rankings=f"{R}/rankings.parquet",
     log:

@@ -65,7 +65,7 @@ if PARTITIONS:
         output:
             overview=f"{R}/overview.parquet",
             report=report(
-                f"{R}/report.html",
+                update(f"{R}/report.html"),
                 caption="../report/report.rst",
                 category="Report",
                 labels={"figure": "the whole report"},

@@ -200,7 +200,7 @@ rule report_reevaluation:
         style=REPORT_FILES,
     output:
         report(
-            f"{RE}/report.html",
+            update(f"{RE}/report.html"),
             caption="../report/reevaluation.rst",
             category="The loop closed",
             labels={"figure": "what the correction changes"},

@@ -139,7 +139,7 @@ rule write_report:
         style=REPORT_FILES,
     output:
         report=report(
-            f"{R}/report.html",
+            update(f"{R}/report.html"),
             caption="../report/report.rst",
             category="Report",
             labels={"figure": "the whole report"},

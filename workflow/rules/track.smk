@@ -75,6 +75,7 @@ if TRACKED:
         params:
             **TRACK_EFFECTS,
             level=TRACK_LEVEL,
+            limit=STUDY.tracking.friction_limit,
         message:
             "Say what changed since the machine was healthy"
         script:

@@ -14,6 +14,7 @@ with run_job(snakemake):
         list(snakemake.input.sessions),
         folder,
         level=params.level,
+        limit=params.limit,
         effects=params.effects,
         allow_code=params.allow_code,
     )

@@ -184,5 +184,5 @@ def _check_end(path: Path, end: int) -> None:
 
 
 def as_content(content: bytes) -> Callable[[], IO[bytes]]:
-    """What `write_tar` takes for bytes."""
+    """Bytes as `write_tar` takes the content of a member."""
     return lambda: io.BytesIO(content)

@@ -25,7 +25,8 @@ _RATE = 250.0
 def make_batch(model: RobotModel, cycle: str, wear: float, seed: int, temperature: float = 50.0) -> Batch:
     """Recording of a test-cycle as the model itself predicts it, with the noise of its sensors.
 
-    No simulation: the motion is the reference, the torque that of the model along it, so it comes at once.
+    Nothing is simulated, so this is quick: the motion is the reference, and the torque is what the model
+    needs along it.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
 
 
 def _make_design(study: StudyConfig) -> None:
-    """Refuse a design that cannot be made, or cannot tell what is asked of it."""
+    """Refuse a design that cannot be made, or that cannot estimate what the study needs."""
     factors = [Factor(**one) for one in study.factor_table()]
     design = make_design(study.design.kind, factors, study.design.options(), study.seed)
     check_design(design, factors, study.surrogates.models, study.axes)

@@ -30,5 +30,5 @@ def demo(out, opened):  # type: ignore[no-untyped-def]
 
     say("Comparing four recordings of an arm with its model ...", err=True)
     close_loop(example_dataset(), out, light=True)
-    write_closed_loop_page(out)
+    write_closed_loop_page(out, example_dataset() / "robot.urdf")
     show_result(out / "report.html", opened)

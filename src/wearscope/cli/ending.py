@@ -61,11 +61,12 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
     say(f"Done in {format_seconds(seconds)}; {free:.0f} GB of the disk are free.", err=True)
 
 
-def end_badly(log: Path, targets: Sequence[str]) -> None:
-    """Say which rule failed, and what it said last."""
+def end_badly(logs: Sequence[str], targets: Sequence[str]) -> None:
+    """Say which rule failed, by Snakemake's logs of the run, and what that rule said last."""
     progress = Progress()
-    for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
-        progress.read(line)
+    for log in logs:
+        for line in Path(log).read_text(encoding="utf-8", errors="replace").splitlines():
+            progress.read(line)
     told = explain_failure(progress, targets, Path.cwd())
     say("", err=True)
     if progress.rule:

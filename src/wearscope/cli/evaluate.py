@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), help="Write the tables into this folder, too.")
 @click.option("--allow-code", is_flag=True, help="Let effect files that the model names run.")
 def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-untyped-def]
-    """Say how well MODEL predicts the recordings of DATASET, to none of which it is fitted.
+    """Say how well MODEL predicts the recordings of DATASET; nothing is fitted to them.
 
     MODEL is a robot, or a model that `diagnose` wrote. Two models on one data set, or one model on two, tell
     which fits better: in torque along the measured motion, and in position after 0.1, 0.5 and 2 s under the

@@ -238,7 +238,7 @@ def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]
 
 
 def _name_option(problem: str) -> str:
-    """A refusal with the options that follow it, in place of lines of a file that is not kept."""
+    """A refusal that names command-line options instead of lines of a dataset.yaml that is not kept."""
     turn = re.search(r'write "turned: \[(.*?)\]" in dataset.yaml', problem)
     if turn is not None:
         problem = problem.replace(turn[0], f"give --turn {turn[1].replace(' ', '')}")

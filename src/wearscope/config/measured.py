@@ -98,6 +98,8 @@ class TrackingSettings(Section):
 
     false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
     """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
+    friction_limit: Annotated[float, Field(gt=0.0)] = 0.3
+    """Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told."""
 
 
 class DetectSettings(Section):

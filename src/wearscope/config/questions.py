@@ -1,4 +1,4 @@
-"""Sections on what is asked of the surrogates, and how their answers are checked."""
+"""Sections on the questions that the surrogates answer, and on the checks of their answers."""
 
 import re
 from typing import Annotated

@@ -16,8 +16,7 @@ from wearscope.robots.spatial import Array
 # Test-cycles stay within this distance of the home posture [rad or m] and this share of the way to a limit.
 LARGEST_EXCURSION = 0.8
 SHARE_OF_RANGE = 0.9
-# Share of the speed limit taken for a motor speed [rad/s] where the gear ratio is unknown: this many rad/s
-# are the whole limit.
+# Motor speed [rad/s] that counts as the whole speed limit of a joint whose gear ratio is unknown.
 MOTOR_SPEED_AT_LIMIT = 300.0
 
 # Position, speed, acceleration (k, n) at times (k,) since the motion's start.

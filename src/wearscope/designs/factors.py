@@ -92,7 +92,7 @@ class Factor:
 
     @property
     def is_costly(self) -> bool:
-        """Whether each other level is a motion to be planned, or a detector to be fitted, anew."""
+        """Whether each level needs a new motion, or a new fit of the detector."""
         planned = (
             "drive.speed_limit",
             "drive.acceleration_limit",

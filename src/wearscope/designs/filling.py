@@ -1,4 +1,4 @@
-"""Runs next to the paper's design: space-filling ones, ones where the questions are asked, and checks."""
+"""Runs in addition to the paper's design: space-filling ones, ones near the questions, and checks."""
 
 from collections.abc import Sequence
 
@@ -29,9 +29,9 @@ def filling_design(
 ) -> pd.DataFrame:
     """Points that the chosen surrogates learn from, in addition to those of the paper's design.
 
-    A Latin hypercube over the whole region, every second point of which is drawn towards nominal, where SNR
-    and scope ask; points along the lines that the scope asks about, with the wear of one axis; and some
-    points of the hypercube once more, which differ in sensor noise alone.
+    They are a Latin hypercube over the whole region, with every second point drawn towards nominal, where SNR
+    and scope are computed; points along the lines of the scope, with wear of one axis; and replicates of some
+    points of the hypercube, which differ in sensor noise only.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def checking_design(
 def local_design(
     factors: Sequence[Factor], points: int, replicates: int, reach: float, seed: int = 0
 ) -> pd.DataFrame:
-    """Points about the centre of the design, where the SNR (11) is asked; some simulated once more.
+    """Points about the centre of the design, where the SNR (11) is computed; some are simulated twice.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from wearscope.supervision import ProcessLost, run_supervised
 #: What the test quantities of a run are for, in the column `kind`.
 NOMINAL, JUDGED, UNWORN, WORN, COMPARED = "nominal", "judged", "simulated", "simulated_worn", "compared"
 
-#: Most simulated runs that are asked once more for the comparison of the scatter.
+#: Most simulated runs that are also used to compare the scatter.
 _COMPARED = 100
 
 
@@ -198,7 +198,7 @@ def ask_recordings(
 
 
 def check_recordings(dataset: str | Path) -> None:
-    """Refuse a data set of which nothing can be judged, before anything is computed for it.
+    """Refuse a data set without anything to judge, before any computation.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def _read(dataset: str | Path) -> Dataset:
 
 @dataclass(frozen=True)
 class _Work:
-    """Everything that is asked, as a generator that may run in a process of its own."""
+    """All questions as a generator, which may run in its own process."""
 
     prepared: Prepared
     groups: list[MotionGroup]

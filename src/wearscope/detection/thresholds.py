@@ -133,13 +133,13 @@ class WearScale:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How the machine's nominal test quantities scatter, next to the simulator's.
+    """How the machine's nominal test quantities scatter, compared with the simulator's.
 
     Attributes
     ----------
     ratio : float
-        Root mean square distance of the machine's values from the simulator's median, over that of the
-        simulator's own.
+        Root mean square distance of the machine's values from the simulator's median, divided by that of the
+        simulator's values.
     widening : float
         Factor by which simulated values are drawn away from their median so that they scatter as the
         machine's do; NaN where fewer than `LEAST_NOMINAL` of these are independent.

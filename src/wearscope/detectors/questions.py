@@ -1,4 +1,4 @@
-"""Every detector fitted and asked for every batch, one question at a time."""
+"""Fits every detector and evaluates it on every batch, one at a time."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ OK = "ok"
 Key = tuple[str, int]
 #: Test quantity and status.
 Answer = tuple[float, str]
-#: Which detector, counted over axes and detectors, is asked for which point.
+#: Which detector, counted over axes and detectors, is evaluated at which point.
 Question = tuple[Key, int]
 
 

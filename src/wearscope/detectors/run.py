@@ -61,7 +61,7 @@ __all__ = ["NOT_SIMULATED", "OK", "DetectorSpec", "compute_test_quantities", "co
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
-#: How the status of a point begins that no detector could be asked for.
+#: Beginning of the status of a point that no detector could be evaluated at.
 NOT_SIMULATED = "simulation failed: "
 
 

@@ -183,7 +183,7 @@ def _cost(form, curve):
 
 @njit(cache=True)
 def _told_apart(n11, n12, n22, size1, size2):
-    """Whether wear and temperature are, of what offset and payload leave of their slopes."""
+    """Whether the slopes by wear and temperature differ after offset and payload are fitted."""
     if not (n11 > (MIN_SHARE * size1) ** 2 and n22 > (MIN_SHARE * size2) ** 2):
         return False
     # Condition of a matrix of two rows with ones on its diagonal.

@@ -36,8 +36,8 @@ WEAR = "repeat the motion new and worn, at one temperature"
 OTHERS = "repeat the motion at other speeds, in other postures and with another payload"
 
 
-#: Half width, in the logarithm of a shape parameter, of the range about a grid value that is searched for
-#: the best one: grids step by factors of up to e^0.8.
+#: Half width of the search about a grid value of a shape parameter, in its logarithm: grids step by factors
+#: of up to e^0.8.
 SEARCH_WIDTH = 0.8
 
 
@@ -80,15 +80,15 @@ class Effect:
         ``search_width(signals, joint, shape)``: half width, in the logarithm of the first estimated shape
         parameter, of the range about `shape` that holds the best value; `SEARCH_WIDTH` where None.
     standard : bool
-        Whether a plain joint has it: asked for before any other.
+        Whether a plain joint has it, so that the search tries it first.
     candidate : bool
         Whether a model that lacks it may be told so by name; False for what is only declared or generic.
     empirical : bool
         Whether it is a generic form whose coefficients have no meaning of their own.
     parents : tuple of str
-        Effects of which one must be in the model of the joint before this one is a candidate.
+        At least one of these effects must be in the joint's model before this one is a candidate.
     contains : tuple of str
-        Effects of which it leaves nothing to find: their columns are in its span.
+        Effects whose columns lie in the span of its own, so that it leaves nothing of them to find.
     parts : mapping of str to tuple of str
         Effects that are a part of it, each with the parameters that it shares with them.
     corrects : str
@@ -110,8 +110,8 @@ class Effect:
         Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that
         a spectrum of the residual over position shows which are worth trying.
     resembles_any : callable or None
-        ``resembles_any(signals, joint, shape)``: whether with that shape it may follow any function of its
-        signals, so that more is asked of it; never where None.
+        ``resembles_any(signals, joint, shape)``: whether it can follow any function of its signals with that
+        shape, so that it needs more evidence; never where None.
     constant_in_motion : bool
         Whether its torque changes at rest alone, so that in motion a drift of few runs resembles it.
     opposes_gravity : bool
@@ -128,8 +128,8 @@ class Effect:
         ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds
         with given values of all parameters; at every one where None.
     changes : int or None
-        Place among what every joint is asked for when sessions are compared, what is believed first first;
-        None of what only a joint that has it is asked for.
+        Place in the order of changes that the comparison of sessions tries at every joint, the most
+        believable first; None where only a joint that has the effect is tested for it.
     change_shape : callable or None
         ``change_shape(top_speed)``: its shape parameters (k,) as such a change; the defaults where None.
     mounted : bool

@@ -45,7 +45,7 @@ class Signals:
         What would change in `sign`: by the logarithm of the speed over which it changes, and with each of two
         other forms of that change in full.
     carries : bool
-        Whether a payload of which a declared mass may be wrong is at the last link.
+        Whether the last link carries a payload whose declared mass may be wrong.
     channels : mapping of str to ndarray (N,)
         Further measured channels by column name, in the unit that the data set gives them.
     """
@@ -72,7 +72,7 @@ class Signals:
     def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint.
 
-        Those of the joints asked for last are kept.
+        The slopes of the last joints are cached.
         """
         if joint not in self._slopes:
             most = max(1, _KEPT // max(3 * self.load.nbytes, 1))

@@ -5,7 +5,7 @@ import numpy as np
 from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 from wearscope.effects.effect import TEMPERATURE
 
-#: Span of temperature [K] below which nothing depends on it: that of a sensor at rest.
+#: Span of temperature [K] that a sensor at rest shows by itself: below it, no dependence can be seen.
 LEAST_SPAN = 0.5
 
 

@@ -24,7 +24,7 @@ def plain_friction() -> list[Effect]:
 
 
 def session_effects() -> list[Effect]:
-    """Effects that every joint is asked for when sessions are compared, what is believed first first."""
+    """Effects that the comparison of sessions tries at every joint, the most believable first."""
     asked = {effect.changes: effect for effect in _builtin() if effect.changes is not None}
     return [asked[place] for place in sorted(asked)]
 

@@ -54,14 +54,15 @@ class Reevaluation:
 
 
 def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
-    """What of a detector's SNR, rank and scope is told apart from the truth's side, and the verdict.
+    """Which of a detector's SNR, rank and scope surely moved towards or away from the truth, and the verdict.
 
     Returns
     -------
     what : list of str
-        ``SNR``, ``rank``, ``scope``: on which the verdict rests.
+        ``SNR``, ``rank``, ``scope``: those that the verdict rests on.
     verdict : str
-        ``nearer`` or ``farther`` where all that is told says so, ``mixed``, ``not certain`` where nothing is.
+        ``nearer`` or ``farther`` where all of these agree, ``mixed`` where they differ, ``not certain``
+        without any.
     """
     signs: dict[str, set[int]] = {}
     for row in rows[rows["question"] != "coefficient"].itertuples():
@@ -74,7 +75,7 @@ def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
 
 
 def settled_orders(one: Reevaluation, side: str) -> set[tuple[str, int, str, str]]:
-    """Test-cycle, axis and pairs of detectors of which the first outranks the second for sure."""
+    """Test-cycle, axis and two detectors, where the first surely outranks the second."""
     rows = one.ranking[one.ranking[side] >= SURE]
     away = {(row.cycle, row.axis, row.fda) for row in one.table[one.table["withheld"]].itertuples()}
     return {

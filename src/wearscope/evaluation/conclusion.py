@@ -21,7 +21,7 @@ from wearscope.evaluation.scope import SURE, add_counts, count_scope
 from wearscope.evaluation.tolerance import largest_passing
 from wearscope.surrogates.fitting import CELL
 
-#: Shares of a group's cells that are asked to be sure, the first one that any change of the fault reaches.
+#: Shares of a group's cells that must be sure; the first share that any change of the fault reaches counts.
 SHARES = (1.0, 0.5)
 #: Of the largest variation that a detector bears at any change of the fault: what is enough.
 ENOUGH = 0.5

@@ -153,7 +153,7 @@ def direct_table(
 ) -> pd.DataFrame:
     """SNR by direct simulation and by the chosen surrogate, cell by cell.
 
-    Single runs scatter with the sensors' noise too, so the surrogate is asked for the same: its response and
+    Single runs also scatter with the sensors' noise, so the surrogate's value includes it: its response plus
     the noise of a run. Its SNR in ``snr.parquet``, without that noise, is larger or equal.
 
     Parameters

@@ -34,11 +34,11 @@ def weigh_evidence(
 ) -> pd.DataFrame:
     """Which detectors' answers stand, and which are withheld.
 
-    Three questions are asked of direct simulation: whether as many values lie outside their 95 % intervals as
-    chance allows, where the misses of one surrogate go together; whether the scope's verdicts agree as often
-    as they should; whether the SNR is the same. Their probabilities under a right surrogate are pooled by
-    the Cauchy combination, which holds however the three depend on one another. One unlucky test of three
-    withholds nothing.
+    Direct simulation answers three questions: whether no more values lie outside their 95 % intervals than
+    chance allows, given that the misses of one surrogate are correlated; whether the scope's verdicts agree
+    as often as they should; whether the SNR is the same. Their probabilities under a right surrogate are
+    pooled by the Cauchy combination, which holds however the three depend on one another. One unlucky test of
+    three withholds nothing.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ FEW = 5
 def rank_deployable(
     table: pd.DataFrame, bounds: Collection[str] = (), by: Sequence[str] = ("fda",), **options: Any
 ) -> pd.DataFrame:
-    """`rank_by_median` of the detectors that a plant can have; upper bounds follow without a rank.
+    """Rank the detectors that a plant can use by `rank_by_median`; upper bounds come last, without a rank.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def rank_deployable(
     bounds : collection of str
         Detectors that are told the simulator's law.
     by, **options
-        As in `rank_by_median`. Where groups hold several detectors, upper bounds are in none of them.
+        As in `rank_by_median`. Groups of several detectors leave upper bounds out.
     """
     apart = table["fda"].isin(list(bounds))
     if not apart.any():

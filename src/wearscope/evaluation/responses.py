@@ -55,7 +55,7 @@ def response_table(
 def simulated_table(
     cells: Cells, test_quantities: pd.DataFrame, factors: Sequence[Factor], levels: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Simulated runs of every cell along each factor, as they are and with the other factors taken back.
+    """Simulated runs of every cell along each factor, with and without the influence of other factors.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def simulated_table(
     test_quantities : DataFrame
     factors : sequence of Factor
     levels : mapping
-        Coded levels to which the other factors are taken back.
+        Coded levels of the other factors after their influence is removed.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""What one side of a comparison says: the study's questions asked of its model and of what it leaves open.
+"""Answers of one side of a comparison: of its model, and of further models that are as likely.
 
-Each side is a model and, where its uncertainty is known, further models that are as likely. The study's
-questions are asked of each in the study's own way; the answers of one side's models and the uncertainty of
-their surrogates together make the side's distribution.
+A side is a model and, where its uncertainty is known, further models drawn from it. Each model answers the
+study's questions with the study's settings. The distribution of a side combines the answers of its models
+with the uncertainty of their surrogates.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate
 Array = NDArray[np.float64]
 #: Changes of the fault, coded, at which the scope is stated.
 DELTAS = (1.0, 2.0, 4.0)
-#: Response functions of which a value is the median.
+#: Fewest drawn response functions whose median is a value.
 FEWEST = 100
 #: An answer's place: test-cycle, axis, detector, question, what about, coded change of the fault (0: none).
 Key = tuple[str, int, str, str, str, float]
@@ -33,7 +33,7 @@ Key = tuple[str, int, str, str, str, float]
 
 @dataclass(frozen=True)
 class Questions:
-    """The study's settings of what is asked.
+    """The study's settings for its questions.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Answers:
     Attributes
     ----------
     value : dict
-        By place, that of the side's own model.
+        Answer of the side's own model by place.
     drawn : dict
         By place, an array (draws,) each; index k belongs to one model and is the same in every place.
     """
@@ -150,7 +150,7 @@ def answer_side(
     drawn: pd.DataFrame | None,
     asked: Questions,
 ) -> Answers:
-    """Ask the study's questions of a side: of its own model, and of what its uncertainty allows.
+    """Answer the study's questions for a side: for its own model, and for models that its uncertainty allows.
 
     Parameters
     ----------

@@ -57,12 +57,12 @@ class Plan:
         }
 
     def nominal_of(self, name: str) -> str:
-        """Set from whose runs the detectors learn that are asked for a set's points."""
+        """Set whose runs the detectors are fitted to before they are evaluated at a set's points."""
         return "mismatch_nominal" if name == "mismatch" else "nominal"
 
     @cached_property
     def run_sets(self) -> list[str]:
-        """Sets that are asked for a test quantity in every cell."""
+        """Sets with a test quantity in every cell."""
         more = ["filling", "checking"] if self.study.surrogates.filling.enabled else []
         return ["identification", "validation", *more]
 
@@ -107,7 +107,7 @@ class Plan:
 
     @cached_property
     def reevaluates(self) -> bool:
-        """Whether it is asked what a correction changes: a loop is closed, or both models are given."""
+        """Whether the study says what a correction changes: a loop is closed, or both models are given."""
         asked = self.study.reevaluate
         closed = self.study.closed_loop.demonstration or self.study.dataset is not None
         return asked.enabled and bool(closed or asked.before)

@@ -168,7 +168,7 @@ def evaluate(
     allow_code: bool = False,
     **stated: Any,
 ) -> EvaluationResult:
-    """Say how well a model predicts recordings, to none of which it is fitted.
+    """Say how well a model predicts recordings; nothing is fitted to them.
 
     Parameters
     ----------

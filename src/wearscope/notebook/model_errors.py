@@ -75,9 +75,9 @@ def evaluate_model(
     progress: Callable[[str], None] = lambda _: None,
     temperature: float = np.nan,
 ) -> ModelErrors:
-    """Errors of a model on the recordings of a data set, none of which it is fitted to.
+    """Errors of a model on the recordings of a data set; nothing is fitted to them.
 
-    The torque is that of the model as a controller keeps it on the measured motion. A rollout starts from the
+    The torque is what a controller needs to keep the model on the measured motion. A rollout starts from the
     measured state, gives the motors the measured torque without feedback, and ends after a horizon: its
     position error is free of any controller.
 
@@ -219,7 +219,7 @@ def _describe(prepared: Prepared, run: PreparedRun, joint: int, units: list[str]
 
 
 def _summarise(ends: list[tuple[float, float]]) -> dict[str, float]:
-    """Medians over one joint's rollouts, that of the error with its bootstrap interval; NaN without any."""
+    """Median motion and error of a joint's rollouts, the error with a bootstrap interval; NaN without any."""
     if not ends:
         keys = ("moved_median", "error_median", "error_median_low", "error_median_high")
         return {"count": 0} | dict.fromkeys(keys, np.nan)

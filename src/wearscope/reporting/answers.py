@@ -12,6 +12,7 @@ from wearscope.reporting.labels import (
     factor_name,
     group_columns,
     group_name,
+    join_some,
     join_words,
     split_groups,
     term_factors,
@@ -127,7 +128,7 @@ def best_detector(study: Study) -> list[str]:
         f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}" for name, one in known
     ]
     source = "95 %, from each cell's own interval" if few else "95 % over cells"
-    sentences = [f"{best} has the highest median SNR ({source}): {_shorten(medians)}."]
+    sentences = [f"{best} has the highest median SNR ({source}): {join_some(medians, 6)}."]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
     tied = [one for one in str(row["tied_with"]).split(", ") if one and one not in out]
@@ -145,12 +146,6 @@ def best_detector(study: Study) -> list[str]:
     counts = study.snr["status"].value_counts()
     cells = {status: f"In {count_text(int(n), 'cell')}" for status, n in counts.items()}
     return sentences + [f"{cells[status]} {text}" for status, text in _STATUSES.items() if status in cells]
-
-
-def _shorten(parts: list[str], most: int = 6) -> str:
-    """The first parts, and how many more there are."""
-    more = [f"and {len(parts) - most} more"] if len(parts) > most else []
-    return ", ".join([*parts[:most], *more])
 
 
 def tolerances(study: Study, factor: str) -> list[Tolerance]:
@@ -185,7 +180,7 @@ def effective_scope(study: Study) -> list[str]:
                 f"{100 * p_d:g} % of faults at {100 * p_f:g} % false alarms."
             )
             continue
-        listed = _shorten([f"{one.group} {100 * one.share:.0f} %" for one in found])
+        listed = join_some([f"{one.group} {100 * one.share:.0f} %" for one in found], 6)
         sentences.append(
             f"{said} {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
             f"alarms on these shares of the grid, {listed}."

@@ -35,7 +35,8 @@ _SIGNALS = {
 class ClosedLoop:
     """One closed loop's outcome: ``verdict.json`` and its tables, None where it was closed without one.
 
-    `models` are the model files by stage, `links` mass [kg] and centre of mass [m] of each link by stage.
+    `models` are the model files by stage, `links` mass [kg] and centre of mass [m] of each link by stage, and
+    those of the robot's own URDF as `declared` where it is known.
     """
 
     verdict: Mapping[str, Any]
@@ -71,8 +72,8 @@ class ClosedLoop:
         return str(named[0]) if named else min(self.joints, key=rank)
 
 
-def read_closed_loop(folder: str | Path) -> ClosedLoop:
-    """Read a closed loop's files.
+def read_closed_loop(folder: str | Path, urdf: str | Path = "") -> ClosedLoop:
+    """Read a closed loop's files, and the URDF that the robot was declared by.
 
     Raises
     ------
@@ -84,13 +85,14 @@ def read_closed_loop(folder: str | Path) -> ClosedLoop:
     known = {name for name, file in files.items() if name not in _OPTIONAL or file.exists()}
     found = {name: tables.read_table(files[name]) for name in files if name in known}
     there = [stage for stage in STAGES if (Path(folder) / f"model_{stage}.yaml").is_file()]
-    models = {stage: load_plain_yaml(_read(folder, f"model_{stage}.yaml")) for stage in there}
-    links = {stage: _read_links(_read(folder, f"model_{stage}.urdf")) for stage in there}
+    models = {
+        stage: load_plain_yaml((Path(folder) / f"model_{stage}.yaml").read_text(encoding="utf-8"))
+        for stage in there
+    }
+    urdfs = {"declared": Path(urdf)} if urdf else {}
+    urdfs |= {stage: Path(folder) / f"model_{stage}.urdf" for stage in there}
+    links = {stage: _read_links(file.read_text(encoding="utf-8")) for stage, file in urdfs.items()}
     return ClosedLoop(verdict, models=models, links=links, **found)
-
-
-def _read(folder: str | Path, name: str) -> str:
-    return (Path(folder) / name).read_text(encoding="utf-8")
 
 
 def _read_links(urdf: str) -> dict[str, tuple[float, tuple[float, ...]]]:
@@ -118,9 +120,9 @@ def bounded(value: float, interval: Sequence[Any] | None) -> str:
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
-    Those that its verdict names, those that what is left unexplained depends on, then those along which the
-    medians of the residual before scatter most. The direction of motion is drawn as the speed, where it is a
-    step.
+    First the signals that its verdict names, then those that the unexplained residual depends on, then those
+    along which the medians of the residual before the correction scatter most. The direction of motion is
+    drawn over the speed, of which it is a step.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
     wanted += loop.verdict["joints"][joint]["depends_on"]

@@ -36,9 +36,9 @@ from wearscope.storage import tables
 MOST_SHOWN = 12
 
 
-def write_closed_loop_page(folder: str | Path) -> None:
-    """Write ``report.html`` next to the files of a closed loop."""
-    tables.write_text(Path(folder) / "report.html", render_closed_loop(read_closed_loop(folder)))
+def write_closed_loop_page(folder: str | Path, urdf: str | Path = "") -> None:
+    """Write ``report.html`` next to the files of a closed loop on a robot that a URDF declares."""
+    tables.write_text(Path(folder) / "report.html", render_closed_loop(read_closed_loop(folder, urdf)))
 
 
 def render_closed_loop(loop: ClosedLoop) -> str:

@@ -127,7 +127,7 @@ def _caveat(study: Study, shown: Sequence[Conclusion], told: Sequence[SimpleName
 
 
 def tell_withheld(study: Study, one: Conclusion) -> str:
-    """That a withheld detector has a larger median SNR than the recommended one; else empty."""
+    """Sentence on a withheld detector with a larger median SNR than the recommended one, or nothing."""
     if study.rankings is None or not one.detector:
         return ""
     own = study.rankings[study.rankings["robot"] == one.robot].set_index("fda")["median"]

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.labels import count_text, detector_name, join_words, unit_text
+from wearscope.reporting.labels import count_text, detector_name, join_some, join_words, unit_text
 from wearscope.reporting.page import format_number, read_outcome
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
@@ -18,6 +18,12 @@ from wearscope.storage import tables
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
 #: Difference of temperatures that an alarm is said with [K].
 WARMER = 1.0
+#: Verdicts of a joint and detector; the first is what a recording is called.
+_ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
+#: How a threshold that was reached is told.
+_REACHED = {"alarm": "Alarm", "unchecked": "Above the threshold, but not confirmed,"}
+#: How a recording is told, by its verdict: kind of conclusion, and words.
+_OUTCOMES = {"alarm": ("alarm", "alarm."), "no alarm": ("plain", "no alarm.")}
 #: Verdicts that are no answer, and why.
 _OPEN = {
     "withheld": "No threshold",
@@ -55,41 +61,60 @@ def read_detections(folder: str | Path) -> Detections:
     return Detections(summary, *(one.assign(fda=one["fda"].astype(str).replace(full)) for one in read))
 
 
+def lead_verdicts(judged: pd.DataFrame) -> pd.Series:
+    """Verdict of each judged recording: the first in `_ORDER` that a joint and detector of it has."""
+    return judged.groupby("run", sort=False)["verdict"].agg(lambda own: min(own, key=_ORDER.index))
+
+
 def detection_strip(found: Detections) -> Strip:
-    """Whether any detector alarms on the recordings."""
-    judged = found.judged
-    runs = judged.groupby("verdict")["run"].nunique()
-    alarms, withheld = int(runs.get("alarm", 0)), int(runs.get("withheld", 0))
-    decided = int(judged.loc[judged["verdict"].isin(["alarm", "no alarm"]), "run"].nunique())
-    count = int(judged["run"].nunique())
-    many = count_text(count, "recording")
-    answer = f"No alarm in {count_text(decided, 'recording')}"
-    answer += "." if decided == count else f"; {count - decided} could not be judged."
-    told, refused = found.summary["judged"], len(found.summary["refused"])
+    """Whether any detector alarms on the recordings, and if none does, which wear would have shown."""
+    judged, told = found.judged, found.summary["judged"]
+    lead = lead_verdicts(judged)
+    first, runs = min(lead, key=_ORDER.index), lead.value_counts()
+    many, number = count_text(len(lead), "recording"), int(runs[first])
     scope = f" Judged at {told['joints']} of {count_text(told['of'], 'joint')}, for {told['seconds']:.0f} s."
-    if refused:
-        scope += f" {count_text(refused, 'more recording')} refused."
-    answer += scope
-    if not decided:
-        answer = f"None of {many} could be judged."
-    if alarms:
-        own = judged[judged["verdict"] == "alarm"]
-        where = join_words(sorted(own["joint"].astype(str).unique()))
+    if found.summary["refused"]:
+        scope += f" {count_text(len(found.summary['refused']), 'more recording')} refused."
+    sure = f"Thresholds for {100 * found.summary['setting']['p_f']:g} % false alarms, from simulated runs"
+    sure += " that scatter as the machine."
+    caveat, kind = "A threshold holds along its own motion only.", "bad" if first == "alarm" else "unsure"
+    if first in _REACHED:
+        own = judged[judged["verdict"] == first]
+        name = own["session"].where(own["session"] != "", own["run"]).astype(str)
+        where = join_some([f"{one} at {_name_joints(joints)}" for one, joints in own.groupby(name)["joint"]])
         by = join_words(sorted(own["fda"].unique()))
-        answer = f"Alarm in {alarms} of {many}, at {where}, by {by}.{scope}"
-    rate = found.summary["setting"]["p_f"]
-    sure = f"Thresholds for {100 * rate:g} % false alarms, from simulated runs that scatter as the machine."
-    if not decided:
+        answer = f"{_REACHED[first]} in {number} of {many}: {where}, by {by}.{scope}"
+    elif first == "no alarm":
+        rest = f"; {len(lead) - number} could not be judged" if number < len(lead) else ""
+        answer = f"No alarm in {count_text(number, 'recording')}{rest}.{scope}"
+        caveat, kind = _tell_unseen(found.thresholds), "unsure" if rest else "good"
+    else:
+        answer = f"None of {many} could be judged."
         sure = "No verdict: no threshold is shown to hold on this machine."
-    caveat, kind = "A threshold holds along its own motion only.", "good"
-    if decided < count:
-        caveat, kind = "Some detectors could not be fitted or have no threshold.", "unsure"
-    if withheld or runs.get("unchecked"):
-        caveat, kind = "Too few nominal sessions tell how the machine scatters; record three.", "unsure"
-    if withheld:
-        caveat = f"Withheld in {count_text(withheld, 'recording')}: some detectors have no threshold."
+        caveat = "Some detectors could not be fitted or have no threshold."
+    if "withheld" in runs:
+        caveat = f"Withheld in {count_text(runs['withheld'], 'recording')}: some detectors have no threshold."
+    if first == "unchecked":
+        sure = "No alarm yet: simulated runs do not come so far, but how the machine scatters is unknown."
+        caveat = "Too few nominal sessions of this motion tell how the machine scatters; record three."
     action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
-    return Strip(answer, "bad" if alarms else kind, sure, caveat, action)
+    return Strip(answer, kind, sure, caveat, action)
+
+
+def _name_joints(joints: pd.Series) -> str:
+    """Names of up to two joints, else their number."""
+    names = sorted(joints.astype(str).unique())
+    return join_words(names) if len(names) <= 2 else count_text(len(names), "joint")
+
+
+def _tell_unseen(thresholds: pd.DataFrame) -> str:
+    """The smallest wear that would have raised an alarm, by the detector that sees it first at each joint."""
+    least = thresholds.groupby(["motion", "joint"])["wear_detected"].min()
+    blind = sorted({joint for _, joint in least.index[least.isna()]})
+    told = f"Wear below {format_number(float(least.max()), 2)} may raise none"
+    if blind:
+        told = f"Which wear would raise one at {join_words(blind)} is unknown"
+    return f"{told}; wearscope track states the smallest change that it sees."
 
 
 def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
@@ -100,18 +125,17 @@ def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
 def conclude(found: Detections) -> list[tuple[str, str]]:
     """Conclusions, alarms first: kind (``alarm``, ``notice``, ``plain``) and sentence.
 
-    Recordings of which the same is said share a sentence.
+    Recordings with the same outcome share a sentence.
     """
     said: dict[tuple[str, str], list[str]] = {}
+    lead = lead_verdicts(found.judged)
     for run, rows in found.judged.groupby("run", sort=False):
         session = rows["session"].iloc[0]
         name = f"{run} ({session})" if session else str(run)
-        alarms = rows[rows["verdict"] == "alarm"]
-        kind, outcome = "notice", "not decided."
-        if len(alarms):
-            kind, outcome = "alarm", f"alarm. {_tell_alarms(alarms)}.{_tell_warmth(alarms)}"
-        elif (rows["verdict"] == "no alarm").any():
-            kind, outcome = "plain", "no alarm."
+        kind, outcome = _OUTCOMES.get(lead[run], ("notice", "not decided."))
+        if kind == "alarm":
+            alarms = rows[rows["verdict"] == "alarm"]
+            outcome += f" {_tell_alarms(alarms)}.{_tell_warmth(alarms)}"
         said.setdefault((kind, f"{outcome}{_tell_rest(rows)}"), []).append(name)
     sentences = [(kind, f"{join_words(names)}: {text}") for (kind, text), names in said.items()]
     return sorted(sentences, key=lambda one: ("alarm", "notice", "plain").index(one[0]))

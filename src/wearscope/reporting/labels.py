@@ -26,7 +26,8 @@ COLUMNS = {
 #: Parameters whose code alone would say too little, as people call them.
 PARAMETERS = {
     "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
-    "eta7": "low-speed friction of wear", "eta9": "viscous friction of wear",
+    "eta7": "low-speed friction of wear", "eta8": "its speed",
+    "eta9": "viscous friction of wear",
     "alpha": "an exponent of low-speed friction", "sine1": "amplitude of the sine of position",
     "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
     "cosine2": "amplitude of the cosine of twice the position",
@@ -177,6 +178,11 @@ def join_words(words: Sequence[str], last: str = "and") -> str:
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def join_some(words: Sequence[str], most: int = 3) -> str:
+    """As `join_words`; of more than `most` the first ones, and how many there are more."""
+    return join_words([*words[:most], *([f"{len(words) - most} more"] if len(words) > most else [])])
 
 
 def finite(values: object) -> np.ndarray:

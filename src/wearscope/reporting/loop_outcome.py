@@ -197,7 +197,10 @@ def render_parameters(loop: ClosedLoop) -> Markup:
         "Before: the declared model, its own parameters fitted to the training runs. After: with what was "
         "added. An interval of one parameter may hold zero where those of its effect together do not."
     )
-    masses = "Links and payload by the URDF of each model; the centre of mass is in the link's frame."
+    masses = (
+        "Links and payload: declared by the robot's URDF, and as the models have them. Centres of mass lie "
+        "in the link's frame. Runs determine combinations of masses only: a single mass has no interval."
+    )
     columns = "joint; effect; parameter; before; value|after; 95 % interval; unit"
     parts = [render_table(rows, text, filter_by=JOINT, columns=columns)] if rows else []
     links = _list_links(loop)
@@ -227,17 +230,21 @@ def _list_fitted(loop: ClosedLoop) -> list[dict[str, str]]:
 
 
 def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
-    """Rows of the links that have a mass, and of the payload."""
-    if len(loop.links) < 2:
-        return []
-    rows: list[dict[str, Any]] = []
-    bodies = [(name, *one) for name, one in loop.links["after"].items() if one[0] > 0.0]
-    if payload := loop.models["after"].get("payload"):
-        bodies.append(("payload, as declared", payload["mass"], tuple(map(number, payload["com"]))))
-    for name, mass, place in bodies:
-        before, _ = loop.links["before"].get(name, (mass if name not in loop.links["after"] else np.nan, ()))
-        rows.append({"body": name, "mass before [kg]": before, "mass after [kg]": mass})
-        rows[-1]["centre of mass [m]"] = ", ".join(format_number(round(one, 6)) for one in place)
+    """Rows of the links that have a mass, and of the payload: mass and centre of mass by stage."""
+    bodies = {stage: dict(links) for stage, links in loop.links.items()}
+    if payload := loop.models.get("after", {}).get("payload"):
+        stated = payload["mass"], tuple(map(number, payload["com"]))
+        bodies = {stage: links | {"payload, as declared": stated} for stage, links in bodies.items()}
+    rows = []
+    for name in (name for name, (mass, _) in bodies.get("after", {}).items() if mass > 0.0):
+        own = {stage: links[name] for stage, links in bodies.items() if name in links}
+        masses = {f"mass {stage} [kg]": mass for stage, (mass, _) in own.items()}
+        places = {
+            f"centre of mass {stage} [m]": ", ".join(format_number(round(one, 3)) for one in place)
+            for stage, (_, place) in own.items()
+            if stage != "before"
+        }
+        rows.append({"body": name, **masses, **places})
     return rows
 
 

@@ -20,6 +20,7 @@ from wearscope.reporting.labels import (
     count_text,
     factor_name,
     finite,
+    join_some,
     join_words,
     term_name,
     unit_text,
@@ -98,8 +99,7 @@ def _caveat(overview: pd.DataFrame) -> str:
     if lost.empty:
         return SIMULATED
     names = list(dict.fromkeys(lost["robot"]))
-    shown = join_words([*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])])
-    return f"In {_count(len(lost))} no change of wear that was asked is found: on {shown}."
+    return f"In {_count(len(lost))} no change of wear that was asked is found: on {join_some(names)}."
 
 
 def _count(n: int) -> str:

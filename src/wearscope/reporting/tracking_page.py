@@ -1,6 +1,6 @@
 """The page of a tracked machine: what changed since it was healthy, and the trend of each joint."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from wearscope.reporting.labels import (
     change_name,
     count_text,
     effect_name,
+    join_some,
     join_words,
     parameter_name,
     unit_text,
@@ -107,11 +108,8 @@ class Tracking:
         for joint, effect, parameter in dict.fromkeys(asked + [one for one in changed if one[1] != _SHARE]):
             own = table[(table["joint"] == joint) & (table["effect"] == effect)]
             own = own[own["parameter"] == parameter].drop_duplicates("session").set_index("session")
-            name = (
-                f"{joint} {_SHARE}"
-                if effect == _SHARE
-                else f"{effect_name(effect)} of {joint}, {parameter_name(parameter)}"
-            )
+            what = f"{change_name(effect, joint)}, {parameter_name(parameter)}"
+            name = f"{joint} {_SHARE}" if effect == _SHARE else what
             found[name] = own.reindex(sessions).assign(joint=joint, effect=effect)
         return found
 
@@ -136,15 +134,17 @@ def write_tracking_page(folder: str | Path) -> None:
 def render_tracking(tracking: Tracking) -> str:
     """Page of a tracked machine, with nothing from elsewhere."""
     outcome, names = tracking.outcome, trend_names(tracking)
+    limit = f"+{100 * outcome.get('friction_limit', np.nan):.3g} %"
     trends = [
         {"slope": 100 * one["slope"], "ends": _ends(100 * end for end in one["ci95"])}
-        | {"joint": one["joint"], "p": one["p"]}
+        | {"joint": one["joint"], "p": one["p"], "left": tell_left(one)}
         for one in outcome["trends"]
     ]
-    columns = "joint; slope|slope [% a session]; ends|95 %; p"
-    slopes = render_table(
-        trends, "Straight line through the later sessions.", filter_by=JOINT, columns=columns
+    columns = f"joint; slope|slope [% a session]; ends|95 %; p; left|sessions until {limit}"
+    caption = (
+        f"Straight line through the later sessions. The limit of {limit} friction is a setting of tracking."
     )
+    slopes = render_table(trends, caption, filter_by=JOINT, columns=columns)
     table = trend_table(tracking)
     panels = list_panels(tracking, table)
     charts = [chart_panel(name, *panel) for name, panel in panels.items()]
@@ -181,8 +181,6 @@ def tracking_strip(tracking: Tracking) -> Strip:
         f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)} since {one['since']}"
         for one in list_first(last["changes"])
     ]
-    if len(changes) > _MOST_TOLD:
-        changes = [*changes[:_MOST_TOLD], f"{len(changes) - _MOST_TOLD} more"]
     hidden, unknown = last["cannot_tell"], tracking.open_changes()
     answer, kind = "Nothing changed since the machine was healthy.", "good"
     action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
@@ -195,10 +193,11 @@ def tracking_strip(tracking: Tracking) -> Strip:
         caveat = upper_first(caveat.partition(": ")[2])
         action = Markup.escape(remedy) if remedy else action
     if changes:
-        answer, kind = f"Changed: {join_words(changes)}.", "bad"
+        answer, kind = f"Changed: {join_some(changes, _MOST_TOLD)}.", "bad"
         action = Markup('See <a href="#friction">it over the sessions</a>.')
-        if any(one["effect"] in _WEARS for one in last["changes"]):
-            action = Markup('See <a href="#friction">how it grows</a>, and plan the maintenance.')
+        if worn := {one["joint"] for one in last["changes"] if one["effect"] in _WEARS}:
+            grows = Markup('{}See <a href="#friction">how it grows</a>, and plan the maintenance.')
+            action = grows.format(tell_limits(tracking, worn))
     elif not unknown and (passed := tracking.changed_before()):
         answer += f" Changes were seen in {join_words(passed)}."
         kind = "unsure"
@@ -231,6 +230,25 @@ def _tell_size(tracking: Tracking, entry: Mapping[str, Any]) -> str:
         one["level"] for one in worn if (one["joint"], one["effect"]) == (entry["joint"], entry["effect"])
     ]
     return f"(+{format_number(levels[0], 2)} % friction)" if levels else f"by {_size(entry)}"
+
+
+def tell_left(trend: Mapping[str, Any]) -> str:
+    """Sessions until a joint's friction is at the limit, at its pace so far."""
+    left, low, high = np.ceil(np.array(trend.get("sessions_left", [None] * 3), dtype=float))
+    if np.isnan(left):
+        return "no sure rise"
+    return interval_text(left, low, high) if left > 0.0 else "reached"
+
+
+def tell_limits(tracking: Tracking, joints: Container[str]) -> str:
+    """When the friction of some joints reaches the limit, where it surely rises."""
+    limit = 100 * tracking.outcome.get("friction_limit", np.nan)
+    left = {one["joint"]: tell_left(one) for one in tracking.outcome["trends"] if one["joint"] in joints}
+    return "".join(
+        f"{joint} reaches +{limit:.3g} % friction in {sessions} sessions at this pace. "
+        for joint, sessions in left.items()
+        if sessions[0].isdigit()
+    )
 
 
 def _ends(ends: Any) -> str:
@@ -379,7 +397,7 @@ def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str,
     firsts = [one for session in tracking.outcome["sessions"] for one in list_first(session["changes"])]
     wanted: dict[tuple[str, str], None] = {}
     for one in firsts:
-        what = f"{effect_name(one['effect'])} of {one['joint']}, {parameter_name(one['parameter'])}"
+        what = f"{change_name(one['effect'], one['joint'])}, {parameter_name(one['parameter'])}"
         wanted[one["joint"], _SHARE if one["effect"] in _WEARS else what] = None
     for place in range(len(tracking.outcome["sessions"])):
         wanted |= {(joint, _SHARE): None for joint in tracking.open_changes(place)}

@@ -240,7 +240,7 @@ def count_failed(study: Study) -> list[str]:
 
 
 def surrogate_quality(study: Study) -> str:
-    """How well the surrogate that is asked fits the runs that it is held against."""
+    """How well the surrogate that answers fits the runs that check it."""
     model, runs, rows = _asked_fits(study)
     good = finite(rows["fit"])
     if not good.size:

@@ -23,7 +23,7 @@ def find_lacking(
 ) -> list[tuple[str, str]]:
     """Joints whose torque does not depend on wear or temperature, as (dependence, joint).
 
-    Wear is asked of the joints that wear, or of the axes `worn`; temperature of all.
+    Wear is required of the joints that wear, or of the axes `worn`; temperature of all joints.
     """
     lacking = []
     wearing = model.wear_joints if worn is None else model.wearing(worn).wear_joints
@@ -114,7 +114,7 @@ def _effects_at(model: RobotModel, joint: str) -> Iterator[tuple[Effect, dict[st
 def _lend(
     source: RobotModel, joint: str, dependence: str, reference: float
 ) -> list[tuple[Effect, dict[str, float]]]:
-    """What makes a joint of the source depend on wear or temperature, apart from the rest of its friction."""
+    """The part of a joint's friction in the source that depends on wear, or on temperature."""
     lent = []
     for effect, values in _effects_at(source, joint):
         if SIGNALS[dependence] not in effect.depends_on:

@@ -32,7 +32,7 @@ MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_li
 KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
 #: The recorder's rate, at which nothing else of the machine runs.
 SAMPLE_RATE = "sensors.sample_rate"
-#: What of a link has a path, the mass with the shape and spread of what it is made of.
+#: Fields of a link that have a path; a changed mass keeps the shape and the distribution of the mass.
 LINK = ("mass", "com", "inertia")
 _RELATIVE = " %"
 _DETECTORS = "detectors"
@@ -49,7 +49,7 @@ class Number:
         the link that a joint moves, or ``effects.<effect>.<joint>.<parameter>``; a joint by its name or as a
         study counts axes, ``all`` for all links, or for all joints that have the effect.
     relative : bool
-        Whether a level is a change in percent of what the model states, rather than the number itself.
+        Whether a level is a change in percent of the stated number, not the number itself.
     """
 
     path: str
@@ -189,7 +189,7 @@ def _set_range(
 def _set_links(
     model: RobotModel, inertias: dict[str, Inertia], rest: Sequence[str], number: Number, level: float
 ) -> None:
-    """Inertias by joint with a number of one link's, or of all links', set."""
+    """Inertias by joint after a number of one link, or of all links, is set."""
     if len(rest) < 2 or rest[1] not in LINK:
         raise InputError(f"a link's is links.<joint>.<field>, and it has {', '.join(LINK)}")
     where, field, *place = rest

@@ -1,7 +1,7 @@
 """The torques of a part of a step balanced by Newton iteration, with an active set of motors at rest.
 
 The unknowns are the mean speeds x of the links and y of the motors over the part. With h half its length (its
-whole length where its end is asked for instead of its middle),
+whole length when the end of the part is computed, not its middle),
 
     M (x - v)/h + c = g                                   links
     J (y - v_motor)/h + tau(y) + g = u(y)                 motors
@@ -194,8 +194,8 @@ def _let_go(state, work, motion, j):
 def _correct(gears, terms, state, work, motion, w, h, ends):
     """One Newton step of speeds; motors whose direction would turn come to rest.
 
-    Returns how many did, or -1 where the system is singular. Where the part's middle is asked for (not
-    `ends`), only a motor that starts at rest returns to it: that others turn is left to see.
+    Returns how many did, or -1 where the system is singular. For the middle of the part (not `ends`), only a
+    motor that starts at rest comes to rest; the end decides about the others.
     """
     n = len(state.mode)
     mass, mode, y, a, b = w.mass_matrix, state.mode, motion.speed, work.matrix, work.held

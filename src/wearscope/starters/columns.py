@@ -1,4 +1,4 @@
-"""Which column of a recording is which signal of which joint, told from the columns' names."""
+"""Finds the column of each signal and joint in a recording by the columns' names."""
 
 import fnmatch
 import re
@@ -318,7 +318,7 @@ def count_numbered(columns: Sequence[str]) -> int:
 
 
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
-    """By joint its name in words, without those that all joints have, and without numbers too."""
+    """Words of each joint's name: all, without words that all joints share, and without numbers."""
     names = [split_name(joint) for joint in joints]
     common = set.intersection(*map(set, names)) if len(names) > 1 else set()
     short = [[word for word in name if word not in common] for name in names]

@@ -31,10 +31,10 @@ _DIGITS = 4
 def write_example(target: Path) -> None:
     """Write ``arm.urdf``, the medium robot's, and recordings of it: ms, degrees, N m, separated by ';'.
 
-    One a day of a healthy week; in ``later/`` three sessions: ``unchanged``; ``worn``, with a worn second
-    axis; ``tool``, with a tool that nobody declared. The data set that ships with the package goes to
-    ``machine/``. The torque is that of the robot's model at 50 deg C, friction by eq. (17) included, with
-    sensor noise.
+    One a day of a healthy week. In ``later/`` two more healthy days, from which detectors learn how the
+    motion scatters, and three sessions: ``unchanged``; ``worn``, with a worn second axis; ``tool``, with a
+    tool that nobody declared. The data set that ships with the package goes to ``machine/``. The torque is
+    that of the robot's model at 50 deg C, friction by eq. (17) included, with sensor noise.
 
     Raises
     ------
@@ -44,7 +44,8 @@ def write_example(target: Path) -> None:
     model = load_model("medium").replace(payload=None)
     axis = model.wearing([2])
     carrying = model.replace(payload={"mass": TOOL, "com": [0.05, 0.0, 0.1]})
-    sessions = {"unchanged": (model, 0.0), "worn": (axis, WEAR), "tool": (carrying, 0.0)}
+    sessions = dict.fromkeys(("friday", "saturday", "unchanged"), (model, 0.0))
+    sessions |= {"worn": (axis, WEAR), "tool": (carrying, 0.0)}
     with new_folder(target) as folder:
         shutil.copytree(example_dataset(), folder / "machine", copy_function=copy_file)
         copy_file(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")

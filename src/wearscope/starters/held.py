@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from wearscope.robots.spatial import Array
 
-#: Kinds that count; others, such as temperatures, may be as slow as they are.
+#: Kinds that must be new in each row; others, such as temperatures, may be slower.
 _MOTION = ("position", "velocity", "torque", "current", "goal", "duty")
 #: Fewest changes of a column that show how long it is held.
 _FEWEST = 50
@@ -41,7 +41,7 @@ def _is_quicker(x: Array, held: int) -> bool:
 
 
 def _find_news(x: Array, held: int) -> np.ndarray:
-    """Rows of a channel (N,) that are new, those by which a value that did not change was asked for again."""
+    """Rows of a channel (N,) with a new value, including repeated readings of an unchanged value."""
     at = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1])
     if held == 1:
         return np.arange(len(x))
@@ -81,7 +81,7 @@ def take_news(
         holds = {name: find_hold(x) for name, x in own.items()}
         longest = max(holds.values(), default=1)
         if longest > 1:
-            # Channels of a kind come together: of one that hardly moves the hold does not show.
+            # Channels of a kind are read together; one that hardly moves does not show how long it is held.
             held |= {name: longest for name, x in own.items() if not _is_quicker(x, longest)}
             kinds[kind] = longest
     if not kinds and not by_turns:

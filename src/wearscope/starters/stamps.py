@@ -143,7 +143,7 @@ def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
 def find_restarts(stamps: pd.Series) -> list[int]:
     """Rows at which a clock restarts, as where several recordings stand in one file.
 
-    Rows that are merely out of order go back by little of what was recorded until then.
+    A row that is merely out of order goes back by a small part of the time recorded so far.
     """
     numbers = pd.to_numeric(stamps, errors="coerce")
     if numbers.notna().sum() <= _NUMBERS * len(stamps):

@@ -15,7 +15,7 @@ from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote
 from wearscope.storage.files import copy_file
 
-#: Who lends wear and temperature to a model that has none, such as that of a closed loop.
+#: Robot whose wear and temperature a model without them borrows, such as one that a diagnosis wrote.
 LENDER = "medium"
 #: Effect whose Coulomb friction a small study also doubles.
 EQ_17 = "friction_wear_temperature"

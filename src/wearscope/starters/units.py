@@ -164,7 +164,7 @@ def unwrap_positions(
 def align_turns(
     frames: Sequence[pd.DataFrame], wrapped: Sequence[Joint], side: str, notes: list[str]
 ) -> None:
-    """Bring joints that wrapped to one turn in all recordings, the first to that of the URDF's limits."""
+    """Shift wrapped joints by whole turns: the first recording to the URDF's limits, others to the first."""
     for joint in wrapped if side == "joint" else ():
         column = f"q_{joint.name}"
         middle = 0.5 * (joint.lower + joint.upper)

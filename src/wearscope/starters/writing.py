@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,17 +12,8 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from pydantic import BaseModel
 
-from wearscope.errors import InputError
+from wearscope.errors import InputError, escape_text
 from wearscope.storage.files import FULL, explain_unwritten
-
-_TEMPLATES = Environment(
-    loader=PackageLoader("wearscope.starters"), undefined=StrictUndefined, keep_trailing_newline=True
-)
-
-
-def fill_template(template: str, **values: object) -> str:
-    """Text of a template of this room."""
-    return _TEMPLATES.get_template(f"{template}.jinja").render(**values)
 
 
 def quote(text: str) -> str:
@@ -32,6 +23,36 @@ def quote(text: str) -> str:
     """
     plain = re.fullmatch(r"(?:[^\W\d]|[/.])[\w./ -]*", text) and yaml.safe_load(text) == text
     return text if plain else json.dumps(text)
+
+
+def flow(values: Iterable[object]) -> str:
+    """A list in YAML on one line: numbers with six digits, texts as `quote` has them."""
+    told = (quote(one) if isinstance(one, str) else f"{one:.6g}" for one in values)
+    return f"[{', '.join(told)}]"
+
+
+def flow_map(values: Mapping[str, float]) -> str:
+    """A mapping of names to numbers in YAML on one line."""
+    return f"{{{', '.join(f'{quote(name)}: {one:.6g}' for name, one in values.items())}}}"
+
+
+def _escape(value: object) -> object:
+    """What a template puts into its text: nothing of it breaks a line."""
+    return escape_text(value) if isinstance(value, str) else value
+
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("wearscope.starters"),
+    undefined=StrictUndefined,
+    keep_trailing_newline=True,
+    finalize=_escape,
+)
+_TEMPLATES.filters |= {"quote": quote, "flow": flow, "flow_map": flow_map}
+
+
+def fill_template(template: str, **values: object) -> str:
+    """Text of a template of this room."""
+    return _TEMPLATES.get_template(f"{template}.jinja").render(**values)
 
 
 def refuse_existing(*paths: Path) -> None:

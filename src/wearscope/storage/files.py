@@ -128,7 +128,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def open_new(path: str | Path) -> IO[str]:
-    """Open a text file in place of what is there, which is neither followed nor waited for.
+    """Replace what is there by a new text file and open it; a link is not followed, a pipe not waited for.
 
     Raises
     ------

@@ -69,7 +69,7 @@ def settle(folder: Path) -> None:
 
 
 def forget_lost(made: Path, folder: Path) -> None:
-    """Have an answer shown again of which a file is lost."""
+    """Mark an answer as not shown yet where one of its files is lost, so that it is shown again."""
     if (made / LIST).is_file() and not all((folder / name).is_file() for name in _list_shown(folder)):
         (made / LIST).unlink()
 

@@ -192,7 +192,7 @@ def read_chosen(
 def read_cells(
     model: str, test_quantities: pd.DataFrame, surrogates: pd.DataFrame, chosen: pd.DataFrame | None
 ) -> list[tuple[tuple, ChosenSurrogate | Surrogate]]:
-    """The surrogate that a question is asked of, by cell (robot, cycle, axis, fda), in sorted order.
+    """The surrogate that answers a question, by cell (robot, cycle, axis, fda), in sorted order.
 
     Parameters
     ----------

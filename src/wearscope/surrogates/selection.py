@@ -42,7 +42,7 @@ _CONSTANT = 1e-12
 
 @dataclass(frozen=True)
 class ChosenSurrogate:
-    """The surrogate that a cell's questions are asked of.
+    """The surrogate that answers a cell's questions.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def choose_surrogate(
 ) -> tuple[ChosenSurrogate, dict[str, float]]:
     """Surrogate of the best cross-validated fit; a Gaussian process where it is less than `MARGIN` behind.
 
-    The intervals of a polynomial leave out what its chosen terms cannot express, those of a process do not.
+    The intervals of a polynomial ignore what its terms cannot express; those of a process include it.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from wearscope.tracking.session import assess_session
 from wearscope.tracking.session_names import Sessions, read_sessions
 from wearscope.tracking.storage import load_reference, save_reference
 from wearscope.tracking.tracked_model import STAGE, make_tracked_model
-from wearscope.tracking.trend import find_segments, find_since, fit_trend, leave_healthy
+from wearscope.tracking.trend import FRICTION_LIMIT, find_segments, find_since, fit_trend, leave_healthy
 
 Say = Callable[[str], None]
 _COLUMNS = [
@@ -78,13 +78,14 @@ def join_sessions(
     records: Sequence[str | Path],
     folder: str | Path,
     level: float = FALSE_ALARM_RATE,
+    limit: float = FRICTION_LIMIT,
     effects: Sequence[str] = (),
     allow_code: bool = False,
 ) -> dict[str, Any]:
     """Write ``changes.parquet`` and ``tracking.json`` from the sessions' records."""
     read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in records]
     healthy, before = load_reference(reference, effects, allow_code)
-    return write_tracking(read_sessions(dataset), healthy, before, read, folder, level)
+    return write_tracking(read_sessions(dataset), healthy, before, read, folder, level, limit)
 
 
 @keep_to_one_thread
@@ -93,6 +94,7 @@ def track(
     folder: str | Path,
     policy: Policy | None = None,
     level: float = FALSE_ALARM_RATE,
+    limit: float = FRICTION_LIMIT,
     progress: Say = lambda _: None,
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
@@ -109,6 +111,8 @@ def track(
         As of `wearscope.closed_loop.diagnosis.diagnose`.
     level : float
         False-alarm rate of a session, over all joints and changes.
+    limit : float
+        Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told.
 
     Returns
     -------
@@ -126,7 +130,7 @@ def track(
     for session in sessions.later:
         records.append(record_assessment(assess_session(sessions, session, reference, level), reference))
         progress(f"{session}: {tell_changes(records[-1])}")
-    return write_tracking(sessions, reference, before, records, folder, level)
+    return write_tracking(sessions, reference, before, records, folder, level, limit)
 
 
 def tell_changes(record: dict[str, Any]) -> str:
@@ -139,7 +143,7 @@ def tell_changes(record: dict[str, Any]) -> str:
 
 def write_tracking(
     sessions: Sessions, reference: Reference, healthy: Sequence[dict[str, Any]],
-    records: Sequence[dict[str, Any]], folder: str | Path, level: float,
+    records: Sequence[dict[str, Any]], folder: str | Path, level: float, limit: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Write ``changes.parquet``, ``model_tracked.yaml``, then ``tracking.json``; records in any order."""
     by_name = {record["session"]: record for record in records}
@@ -156,6 +160,7 @@ def write_tracking(
         "dataset_digest": digest_dataset(sessions.folder, load_fields(sessions.folder / "dataset.yaml")),
         "reference": list(reference.sessions),
         "false_alarm_rate": level,
+        "friction_limit": limit,
         "reference_scatter": reference.scattering,
         "sessions": [
             {
@@ -165,7 +170,7 @@ def write_tracking(
             }
             for k, record in enumerate(later)
         ],
-        "trends": list_trends(reference.structure.joints, later),
+        "trends": list_trends(reference.structure.joints, later, limit),
         "wear": worn,
         "healthy": describe_reference(reference, healthy),
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
@@ -202,11 +207,12 @@ def series_key(entry: dict[str, Any]) -> str:
     return f"{FRICTION}@{joint}" if load_effect(entry["effect"]).is_friction else entry["key"]
 
 
-def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: float) -> list[dict[str, Any]]:
     """Straight line through each joint's friction over the later sessions, as a share of it by session."""
     found = []
     for j, joint in enumerate(joints):
-        trend = fit_trend(*collect_series(later, f"{FRICTION}@{j}"))
+        values, errors = collect_series(later, f"{FRICTION}@{j}")
+        trend = fit_trend(values, errors, limit)
         if trend is not None:
             found.append(
                 {
@@ -216,6 +222,7 @@ def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]]) -> list[
                     "ci95": [trend.low, trend.high],
                     "unit": "1/session",
                     "p": trend.p_value,
+                    "sessions_left": list(trend.left),
                 }
             )
     return found

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import statsmodels.api as sm
+from scipy import stats
 
 #: Penalty of a change point, in the noise's variance times the logarithm of the number of sessions: the
 #: modified Bayesian information criterion of a level and a place (Zhang and Siegmund 2007).
 _PENALTY = 3.0
+#: Rise of friction, as a share of the healthy one, that a machine may have where none is stated.
+FRICTION_LIMIT = 0.3
 #: Fewest sessions that show a trend.
 _LEAST_SESSIONS = 4
 
@@ -25,12 +28,16 @@ class Trend:
         95 % interval.
     p_value : float
         Of no slope.
+    left : tuple of float
+        Sessions after the last one until the line is at a limit, with the ends of their 95 % interval
+        (Fieller 1954, J. R. Stat. Soc. B 16); NaN where the line does not surely rise.
     """
 
     slope: float
     low: float
     high: float
     p_value: float
+    left: tuple[float, float, float]
 
 
 def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
@@ -95,7 +102,7 @@ def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) 
     return start
 
 
-def fit_trend(values: np.ndarray, errors: np.ndarray) -> Trend | None:
+def fit_trend(values: np.ndarray, errors: np.ndarray, limit: float) -> Trend | None:
     """Straight line through estimates (S,) with standard errors (S,); None of fewer than four sessions."""
     known = np.isfinite(values) & np.isfinite(errors) & (errors > 0)
     if known.sum() < _LEAST_SESSIONS:
@@ -103,4 +110,16 @@ def fit_trend(values: np.ndarray, errors: np.ndarray) -> Trend | None:
     x = sm.add_constant(np.flatnonzero(known).astype(float))
     fit = sm.WLS(values[known], x, weights=1.0 / errors[known] ** 2).fit(cov_type="HC3", use_t=True)
     low, high = fit.conf_int()[1]
-    return Trend(float(fit.params[1]), float(low), float(high), float(fit.pvalues[1]))
+    left = np.full(3, np.nan)
+    if low > 0.0:
+        (start, slope), covariance = fit.params - [limit, 0.0], fit.cov_params()
+        square = stats.t.isf(0.025, fit.df_resid) ** 2
+        ends = np.roots(
+            [
+                slope**2 - square * covariance[1, 1],
+                2.0 * (start * slope - square * covariance[0, 1]),
+                start**2 - square * covariance[0, 0],
+            ]
+        )
+        left = np.array([-start / slope, *np.sort(ends.real)]) - (len(values) - 1)
+    return Trend(float(fit.params[1]), float(low), float(high), float(fit.pvalues[1]), tuple(left.tolist()))

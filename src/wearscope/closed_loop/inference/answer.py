@@ -9,7 +9,7 @@ import pandas as pd
 
 from wearscope.closed_loop.inference.detection_limits import find_limits
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
-from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives
+from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives, tell_odds
 from wearscope.closed_loop.inference.offers import UNBELIEVABLE, Offer, list_candidates, list_offers
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
@@ -331,7 +331,7 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
                 "taken": term.key in taken,
                 "reason": "taken"
                 if term.key in taken
-                else (refusal or f"its odds are too low: {gain:.1f} nats"),
+                else (refusal or f"its odds are too low: {tell_odds(gain)}"),
             }
         )
     columns = "step joint effect coefficients shape cv_gain p_value agreement isolability taken reason"

@@ -91,7 +91,7 @@ class Moves:
             rest = model.without(term)
             if not lags_slow_torque(rest.fit, term):
                 self.refused[term.key] = _NO_DELAY
-                self.progress(f"dropped {term.model_term.label}: {_NO_DELAY}")
+                self.progress(f"dropped {self.name(term)}: {_NO_DELAY}")
                 return rest.rescale()
         return None
 
@@ -102,9 +102,15 @@ class Moves:
         moved = fitted.differ(old, _SETTLED)
         return reverse_over(model, fitted.where(moved, old)).rescale() if moved.any() else model
 
-    def tell(self, verb: str, term: Term, gain: float) -> None:
-        """A line on a move."""
-        self.progress(f"{verb} {term.model_term.label}: {gain:.1f} nats")
+    def tell(self, told: str, gain: float) -> None:
+        """A line on a move and its odds."""
+        self.progress(f"{told}, odds {tell_odds(gain)}")
+
+    def name(self, term: Term) -> str:
+        """A term in words, with its joint."""
+        what = term.effect.title or term.effect.name.replace("_", " ")
+        joint = self.splines.prepared.dataset.joints[term.joint]
+        return f"{what} of the whole robot" if term.effect.per_robot else f"{what} at {joint}"
 
     def drop(self, model: Model, may_go: Callable[[Term], bool] = lambda term: True) -> Model | None:
         """A model without one of the terms, where that is more probable.
@@ -117,7 +123,7 @@ class Moves:
                 continue
             gain = self.score.compare(model, rest)
             if gain > -_demand(term):
-                self.tell("dropped", term, gain)
+                self.tell(f"dropped {self.name(term)}", gain)
                 return rest.rescale()
         return None
 
@@ -139,7 +145,7 @@ class Moves:
             if best is None or joints & reached:
                 continue
             reached |= joints
-            self.tell("added", best, gain)
+            self.tell(f"added {self.name(best)}", gain)
             taken = self.refine(taken.extend(best), best)
         return taken.rescale() if taken is not model else None
 
@@ -159,8 +165,9 @@ class Moves:
                     best, most = made, gain
         if best is None:
             return None
-        self.tell(f"added with {best.terms[-2].model_term.label}", best.terms[-1], most)
-        return self.refine(self.refine(best, best.terms[-2]), best.terms[-1]).rescale()
+        one, two = best.terms[-2:]
+        self.tell(f"added {self.name(one)} and {self.name(two)}", most)
+        return self.refine(self.refine(best, one), two).rescale()
 
     def swap(self, model: Model) -> Model | None:
         """A model with another term in the place of one, where that is more probable."""
@@ -177,9 +184,7 @@ class Moves:
             ]
             best, gain = self.choose(rest, offers[:TOP], model)
             if best is not None and gain > SURELY:
-                self.progress(
-                    f"{term.model_term.label} is replaced by {best.model_term.label}: {gain:.1f} nats"
-                )
+                self.tell(f"{self.name(term)} is replaced by {self.name(best)}", gain)
                 return self.refine(rest.extend(best), best).rescale()
         return None
 
@@ -197,7 +202,7 @@ class Moves:
             tried = apart.climb(rest)
             gain = self.score.compare(model, tried)
             if gain > SURELY and self.is_new(tried):
-                self.progress(f"{term.model_term.label} is replaced by several terms: {gain:.1f} nats")
+                self.tell(f"{self.name(term)} is replaced by several effects", gain)
                 return tried
         return None
 
@@ -277,7 +282,7 @@ class Moves:
             if gain > most and is_believable(made, law):
                 best, most = made, gain
         if best is not model:
-            self.tell("with a reversal of its own:", best.terms[-1], most)
+            self.tell(f"added {self.name(best.terms[-1])}, with a reversal of its own", most)
         return best
 
     def explain_rest(self, model: Model) -> Model:
@@ -308,11 +313,17 @@ class Moves:
                 if gain > max(most, SURELY) and share >= self.score.policy.structure_share:
                     best, most = made, gain
             if best is not None:
-                instead = "" if name is None else f" in the place of {name.model_term.label}"
-                self.tell(f"structure without a name{instead}:", best.terms[-1], most)
+                instead = "" if name is None else f" in the place of {self.name(name)}"
+                self.tell(f"added {self.name(best.terms[-1])}{instead}", most)
                 self.left.add(model.keys)
                 return best.rescale()
         return None
+
+
+def tell_odds(gain: float) -> str:
+    """Odds of a gain in nats."""
+    most = 1000.0
+    return f"over {most:.0f} to 1" if gain > np.log(most) else f"{np.exp(gain):.2g} to 1"
 
 
 def _demand(term: Term) -> float:

@@ -92,5 +92,5 @@ def tips(text: str) -> list[alt.Tooltip]:
 
 
 def cell_tips(text: str) -> list[alt.Tooltip]:
-    """What the pointer tells of a cell, and of what is drawn there."""
+    """Text that the pointer shows of a cell and of a mark in it."""
     return tips(f"robot:N; cycle:N|test-cycle; axis:N; fda:N|detector; {text}")

@@ -108,7 +108,7 @@ const wearscope = (() => {
     },
     legend: {
       labelColor: "var(--ink)", titleColor: "var(--soft)", orient: "top", labelFontSize: 12.5,
-      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260, columns: { expr: "width < 300 ? 1 : width < 480 ? 2 : width < 800 ? 3 : 6" },
+      titleFontSize: 12, titleFontWeight: 500, labelLimit: 260,
     },
     header: { labelColor: "var(--ink)", titleColor: "var(--soft)" },
     title: { color: "var(--ink)" },
@@ -132,6 +132,9 @@ const wearscope = (() => {
       spec.datasets ??= {};
       for (const name of Object.keys(chart.definition.sources)) spec.datasets[name] = rowsFor(chart, name);
       chart.view?.finalize();
+      // By the container's width, which stays: the plot's own depends on the room that the legend takes.
+      const room = chart.place.clientWidth;
+      config.legend.columns = room < 400 ? 1 : room < 600 ? 2 : room < 900 ? 3 : 6;
       config.legend.layout = { top: { anchor: innerWidth < 640 ? "end" : "start" } };
       const result = await vegaEmbed(chart.place, spec, {
         mode: "vega-lite", renderer: "svg", actions: false, config, tooltip: { theme: "page" },

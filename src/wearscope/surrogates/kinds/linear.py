@@ -133,11 +133,11 @@ def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
 
 
 def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> LinearSurrogate | None:
-    """Sparse polynomial chaos; None with too few runs to choose and fit terms.
+    """Sparse polynomial chaos; None where the runs are too few to choose and fit terms.
 
-    Its left-out predictions are those of fits to four fifths of the runs that chose their terms anew, so that
-    they pay for the choice too. Where without paying for it, each run left out in turn of the terms chosen on
-    all, their fit is not above `to_beat` [%], they stay those, which flatter it.
+    Its left-out predictions come from five-fold cross-validation in which each fold chooses its own terms, so
+    that the error of the choice is included. They stay those of plain leave-one-out with the terms chosen on
+    all runs, which are too good, where even their fit does not exceed `to_beat` [%].
     """
     n = z.shape[1]
     if len(y) < 4 * (n + 1) or np.ptp(y) == 0:

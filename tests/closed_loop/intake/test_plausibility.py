@@ -469,7 +469,7 @@ def test_good_data_are_never_refused(tmp_path, robot, seed):
         check(tmp_path / f"d{k}")
 
 
-DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[4] / "shared" / "data"))
 
 
 @pytest.mark.parametrize("name", ["emps", "kr300"])
