@@ -1,8 +1,8 @@
 """Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-The readings of the columns are weighed for all runs together, then for the run that agrees least with the others:
-one machine must explain both. A data set is refused with the best reading as the remedy, unless `accept` overrules it; what the
-loop has a name for, and what changes no number, is a note.
+The readings of the columns are weighed for all runs together, then for the run that agrees least with the
+others: one machine must explain both. A data set is refused with the best reading as the remedy, unless
+`accept` overrules it; what the loop has a name for, and what changes no number, is a note.
 """
 
 from dataclasses import replace
