@@ -113,7 +113,7 @@ def diagnose(
     dataset : path-like or Dataset
         The data set's folder, its ``dataset.yaml``, or what `read_dataset` gave.
     policy : Policy, optional
-        Numbers of the rule.
+        Numbers of the score.
     progress : callable
         Called with a line of text at each step.
     effects : sequence of path-like

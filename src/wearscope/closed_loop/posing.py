@@ -37,7 +37,7 @@ def pose_problem(
     allow_code: bool = False,
     budget: Budget | None = None,
 ) -> Problem:
-    """What `diagnose` tests on a data set, whatever the rule's numbers: the same arguments."""
+    """What `diagnose` tests on a data set, whatever the score's numbers: the same arguments."""
     if not isinstance(dataset, Dataset):
         path = Path(dataset)
         dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)

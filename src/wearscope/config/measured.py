@@ -73,7 +73,7 @@ class ClosedLoopSettings(Section):
     demonstration_seconds: Annotated[float, Field(ge=8.0, le=60.0)] = 14.0
     """Length of each of the twin's six recordings [s]."""
     policy: Policy = Policy()
-    """Numbers of the rule that accepts, ties and names; `verdict.json` repeats them."""
+    """Numbers of the score that names; `verdict.json` repeats them."""
     effects: list[str] = Field(default=[])
     """Own effects, candidates in addition to the vocabulary: paths of .py files that define `EFFECT`, or
     names of effects of installed packages."""

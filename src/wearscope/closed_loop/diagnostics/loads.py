@@ -62,13 +62,13 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
     unit = max(size[0], 1e-300)  # zero where the motion of one joint does not show a mass by itself
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
-        more = mass > mass.mean()
-        added = float(mass[more].mean() - mass[~more].mean())
-        half = float(np.sqrt(sum(np.sum(error[k] ** 2) / k.sum() ** 2 for k in (more, ~more))))
-        heavy = ", ".join(np.array(files)[more])
+        heavier = mass > mass.mean()
+        added = float(mass[heavier].mean() - mass[~heavier].mean())
+        wide = float(np.sqrt(sum(np.sum(error[k] ** 2) / k.sum() ** 2 for k in (heavier, ~heavier))))
+        heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
         told = (
-            f"{_DIFFERS}, {heavy} with {added:.3g} kg ({added - half:.3g} to {added + half:.3g}) more than "
+            f"{_DIFFERS}, {heavy} with {added:.3g} kg ({added - wide:.3g} to {added + wide:.3g}) more than "
             f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
         )
     return [f"{told}. State each run's payload, or leave out the runs with another load."]

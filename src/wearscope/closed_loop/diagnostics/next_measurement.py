@@ -165,8 +165,8 @@ def plan_measurements(
 
     Every plan is judged by the least expected evidence between the named effect and another name, whichever
     of the two is the truth, all else refitted: the runs so far and the new ones together (Atkinson and
-    Fedorov, Biometrika 62, 1975, for the worst pair). The number of runs is the least with which the rule
-    that names tells them apart with probability `POWER`, `MOST_RUNS` at most.
+    Fedorov, Biometrika 62, 1975, for the worst pair). The number of runs is the least that
+    tells them apart with probability `POWER`, `MOST_RUNS` at most.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Outcome:
     ----------
     prepared : Prepared
     policy : Policy
-        Numbers of the rule.
+        Numbers of the score.
     attributions : list of Attribution
     before, proposed, after : Regression
         The declared model refitted; the same with all named terms, which come last; the same with those that

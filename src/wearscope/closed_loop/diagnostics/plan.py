@@ -65,7 +65,7 @@ class NextMeasurement:
     runs : int
         To record.
     power : float
-        Probability of telling the names apart with them, by the rule that names.
+        Probability of telling the names apart with them.
     angle_before, angle_after : float
         Between the two names that are most alike, on the runs so far and with the new ones [deg].
     evidence_before, evidence_after : float

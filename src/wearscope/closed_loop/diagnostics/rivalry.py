@@ -18,7 +18,7 @@ from wearscope.effects.base import Effect, MeasurementEffect, Signals, Transmiss
 _SHAPES = 9
 #: Factors on its estimated shape parameters, for what refining a shape, or a faster motion, reaches.
 _REFINED = ((0.5, 1.0, 2.0, 4.0), (0.6, 1.0, 1.6))
-#: As the rule that names: standard errors and share of the loss left that tell two names apart.
+#: Standard errors, and share of the loss left, by which two names must differ to be told apart.
 ERRORS, MATERIAL = 2.0, 0.02
 #: Longest autocorrelation of the residual that is summed [rows].
 _LAGS = 40
@@ -228,10 +228,10 @@ class Rivalry:
         return min((self.contrast(sums, a, b) for a, b in pairs), key=lambda c: c.evidence)
 
     def score(self, sums: Sums, contrast: Contrast) -> float:
-        """Standard errors by which held-out losses tell the names apart beyond what the rule asks.
+        """Standard errors by which held-out losses tell the names apart, beyond those that are asked for.
 
         The error of a sum over blocks holds the noise and how unevenly the evidence lies: what stands in a
-        few blocks may be chance. As `selection.rule.separates` asks.
+        few blocks may be chance.
         """
         energy = 0.0
         for count, x in sums.parts:
