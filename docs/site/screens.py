@@ -96,7 +96,7 @@ def picture_page(page: Path, picture: Path, width: int = 1280, height: int = 860
         command += ["--virtual-time-budget=8000", f"--screenshot={picture}", page.resolve().as_uri()]
         subprocess.run(command, check=True, capture_output=True, timeout=180)
     with Image.open(picture) as opened:
-        opened.convert("RGB").quantize(128).save(picture, optimize=True)
+        opened.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE).save(picture, optimize=True)
 
 
 if __name__ == "__main__":
