@@ -86,8 +86,8 @@ def installed_file(name: str, room: str) -> Path | None:
 def identify_installed(name: str, room: str) -> str | None:
     """Package, version and digest of what an installed package offers for a room; None where none does.
 
-    The digest is that of the Python, YAML and URDF files of the package that the module lies in, so that it
-    tells another content whatever the files' dates and the version say.
+    The digest covers the Python, YAML and URDF files of the module's package, so that changed content is seen
+    even if dates and version stay.
 
     Raises
     ------

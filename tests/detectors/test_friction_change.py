@@ -70,18 +70,6 @@ def test_options_are_checked():
         load_detector("friction_change", {"payload_error": 0.0})
 
 
-def test_what_moves_slower_than_its_share_of_the_top_speed_is_at_rest(fitted):
-    batch = simulate(plain, noise=0.3, seed=1)
-    limit = fitted.rest_share * fitted.top_speed
-    creeping, moving = (
-        replace(batch, qd=np.full_like(batch.qd, factor * limit) * [[1.0, 1.0]]) for factor in (0.99, 1.01)
-    )
-    with pytest.raises(ValueError, match="moves for 0 s only"):
-        fitted.make_rows(creeping)
-    rows = len(fitted.make_rows(moving).columns)
-    assert rows == len(batch.t) // round(fitted.row * batch.sample_rate)
-
-
 def test_blocks_are_of_the_recording_s_time_and_start_at_the_first_row_in_motion_of_each(fitted):
     batch = simulate(plain, noise=0.3, seed=1)
     step = round(fitted.row * batch.sample_rate)

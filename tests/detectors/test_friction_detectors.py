@@ -396,21 +396,3 @@ def test_the_top_speed_is_that_below_which_99_of_a_hundred_samples_lie():
     still = [Batch(one.t, one.q, 0.0 * one.qd, one.tau) for one in batches]
     with pytest.raises(ValueError, match="does not move"):
         find_top_speed(still, 0)
-
-
-@pytest.mark.parametrize(
-    ("name", "rows"), [("friction_fit", 1), ("wear_temperature_fit", 1), ("friction_change", 5)]
-)
-def test_twenty_samples_or_rows_in_motion_are_enough(name, rows):
-    """Spread over the recording, at its own speeds; a row of 20 ms is five samples."""
-    detector, batch = fitted(name, simulate(noise=0.1)), simulate(noise=0.1, seed=1)
-    fast = np.abs(batch.qd[:, 0].reshape(-1, rows)).min(axis=1) > 0.05
-    places = np.flatnonzero(fast)[:: fast.sum() // 20][:20]
-    for count, words in ((19, "moves (in|for) .* only"), (20, None)):
-        kept = np.isin(np.arange(len(batch.t)) // rows, places[:count])
-        few = Batch(batch.t, batch.q, np.where(kept[:, None], batch.qd, 0.0), batch.tau)
-        if words is None:
-            assert np.isfinite(detector.test_quantity(few))
-            continue
-        with pytest.raises(ValueError, match=words):
-            detector.test_quantity(few)

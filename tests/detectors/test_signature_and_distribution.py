@@ -245,12 +245,6 @@ def test_bandwidth_is_silvermans_and_without_a_spread_of_the_middle_half_that_of
     assert _silverman(spikes) == pytest.approx(0.9 * np.sqrt(32.0 / 9.0) * 10**-0.2, rel=1e-12)
 
 
-def test_the_grid_reaches_a_tenth_of_the_range_and_three_bandwidths_beyond_the_nominal_torque():
-    torque = np.linspace(-40.0, 60.0, 2001)
-    detector = fitted("distribution_distance", make_batch(torque), margin=0.1, bandwidth=2.5)
-    assert detector.grid[[0, -1]] == pytest.approx([-40.0 - 10.0 - 7.5, 60.0 + 10.0 + 7.5])
-
-
 @pytest.mark.parametrize("bandwidth", [0.0, -1.0, float("nan")])
 def test_a_kernel_without_width_is_refused(bandwidth):
     with pytest.raises(ValueError, match="bandwidth must be positive"):

@@ -13,7 +13,6 @@ from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.evaluation.overview import overview_table
 from wearscope.evaluation.scope import (
-    SURE,
     add_counts,
     add_group_scopes,
     count_scope,
@@ -108,14 +107,6 @@ def test_counts_are_what_they_say(study):
     assert row["cells"] == len(exact) == len(both)
     assert row["passes"] == exact["passes"].sum() and row["sure"] == (exact["confidence"] >= 0.95).sum()
     assert row["differ"] == (both["passes"] != both["passes_kde"]).sum()
-
-
-def test_a_confidence_of_just_what_is_asked_is_sure(study):
-    scope = study[2]
-    for confidence, sure in ((SURE, 1), (np.nextafter(SURE, 0.0), 0), (np.nan, 0)):
-        counts = count_scope(scope.assign(confidence=confidence), ("fda",))
-        assert (counts["sure"] == sure * counts["cells"]).all()
-        assert (counts["known"] == np.isfinite(confidence) * counts["cells"]).all()
 
 
 def test_sensitivity_of_parts_is_that_of_the_whole(study):

@@ -19,9 +19,9 @@ from wearscope.evaluation.reevaluation import (
 from wearscope.evaluation.sides import (
     Answers,
     Questions,
-    _rank,
     answer_side,
     extend_to_drawn,
+    rank_best,
     share_surrogates,
 )
 from wearscope.evaluation.tolerance import largest_passing
@@ -277,4 +277,4 @@ def test_a_cell_is_withheld_where_chance_over_all_cells_leaves_it_out():
 
 def test_equals_share_the_better_rank_and_none_is_none():
     snr = np.array([[3.0, 1.0], [1.0, np.nan], [3.0, 2.0], [2.0, 3.0]])
-    np.testing.assert_array_equal(_rank(snr), [[1.0, 3.0], [4.0, np.nan], [1.0, 2.0], [3.0, 1.0]])
+    np.testing.assert_array_equal(rank_best(snr), [[1.0, 3.0], [4.0, np.nan], [1.0, 2.0], [3.0, 1.0]])

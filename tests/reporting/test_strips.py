@@ -15,7 +15,6 @@ from reporting.test_closed_loop_page import VERDICT, write
 from reporting.test_tracking_page import OUTCOME
 from reporting.test_tracking_page import write as write_tracking
 
-from benchmarks.strips import check_top
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
 from wearscope.reporting.conclusion import certainty, study_strip
@@ -153,18 +152,6 @@ def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
     )
     assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
     assert "maintenance" in strip.action and strip.caveat.endswith(last["cannot_tell"][0])
-
-
-def test_the_check_of_finished_pages_sees_a_name_and_a_number_that_differ(tmp_path):
-    write_tracking(tmp_path)
-    strip = read_strip(tmp_path / "report.html").plain()
-    top = {"answer": strip["answer"], "rest": f"{strip['sure']} {strip['caveat']}", "high": 300}
-    assert check_top(tmp_path, top) == []
-    assert check_top(tmp_path, top | {"high": 900}) == ["is below the first screen"]
-    other = OUTCOME | {"false_alarm_rate": 0.13}
-    other["sessions"] = [*OUTCOME["sessions"][:-1], OUTCOME["sessions"][-1] | {"session": "d9"}]
-    (tmp_path / "tracking.json").write_text(json.dumps(other))
-    assert check_top(tmp_path, top) == ["does not name d9", "does not state 13"]
 
 
 def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):

@@ -271,17 +271,9 @@ def test_the_controller_s_inertia_is_the_mean_along_the_motion_and_its_speeds_ar
     np.testing.assert_allclose(law.speed[[0, -1]], reference.v[[0, -1]])
 
 
-def test_a_clock_is_even_within_a_thousandth_of_a_step():
-    steps = np.full(10, 2e-3)
-    for jitter, even in ((0.9e-6, True), (1.1e-6, True), (2.2e-6, False)):
-        t = np.cumsum(steps + jitter * np.array([0.0, 1.0] * 5))
-        if even:
-            assert find_step(t) == pytest.approx((t[-1] - t[0]) / 9.0)
-            continue
-        with pytest.raises(InputError, match="does not grow in equal steps"):
-            find_step(t)
+def test_a_clock_grows_in_equal_steps():
     assert find_step([0.0, 0.5, 1.0]) == 0.5
-    for t in ([0.0, 1.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0]):
+    for t in ([0.0, 1.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 3.0]):
         with pytest.raises(InputError, match="does not grow"):
             find_step(t)
 

@@ -298,14 +298,6 @@ def test_too_few_runs_are_refused():
     assert ChosenSurrogate(None, tuple(NAMES), 1.0, 2.0).sigma == 0.0
 
 
-@pytest.mark.parametrize("fit", [fit_polynomial_chaos, fit_gaussian_process])
-def test_fewest_runs_are_as_stated(fit):
-    """Four a linear term for polynomial chaos; as many as factors and four for a process."""
-    fewest = {fit_polynomial_chaos: 4 * (1 + len(NAMES)), fit_gaussian_process: len(NAMES) + 4}[fit]
-    assert fit(Z[: fewest - 1], cubic(Z[: fewest - 1])) is None
-    assert fit(Z[:fewest], cubic(Z[:fewest])) is not None
-
-
 def test_as_many_runs_as_coefficients_leave_a_quadratic_no_error_to_tell():
     coefficients = (len(NAMES) + 1) * (len(NAMES) + 2) // 2
     assert fit_quadratic(Z[:coefficients], noisy(quadratic)[:coefficients], NAMES) is None

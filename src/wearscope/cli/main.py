@@ -30,8 +30,8 @@ COMMANDS = {
     "report": "stages:report",
     "show": "show:show",
     "compare": "compare:compare",
-    "history": "history:history",
-    "demo": "demo:demo",
+    "history": "show:history",
+    "demo": "stages:demo",
 }
 
 

@@ -34,18 +34,15 @@ from wearscope.config.questions import (
 )
 
 
-def _short_detectors(value: Any) -> Any:
-    """Allow `A: residual_energy` for `A: {use: residual_energy}`."""
-    if not isinstance(value, Mapping):
-        return value
-    return {name: {"use": one} if isinstance(one, str) else one for name, one in value.items()}
+def _allow_short(field: str) -> BeforeValidator:
+    """Allow ``name: text`` for ``name: {field: text}`` in a mapping of sections."""
 
+    def lengthen(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        return {name: {field: one} if isinstance(one, str) else one for name, one in value.items()}
 
-def _short_sources(value: Any) -> Any:
-    """Allow `model_after: medium` for `model_after: {source: medium}`."""
-    if not isinstance(value, Mapping):
-        return value
-    return {name: {"source": one} if isinstance(one, str) else one for name, one in value.items()}
+    return BeforeValidator(lengthen)
 
 
 class StudyConfig(Section):
@@ -57,7 +54,7 @@ class StudyConfig(Section):
     """Root of all random numbers."""
     robots: Annotated[list[str], Field(min_length=1)]
     """Names of folders of `config/robots/`, or paths of a robot folder or model file."""
-    carry_over: Annotated[dict[str, CarryOverSettings], BeforeValidator(_short_sources)] = Field(default={})
+    carry_over: Annotated[dict[str, CarryOverSettings], _allow_short("source")] = Field(default={})
     """Robots, by the name they have in tables, whose model lacks wear or temperature, e.g. the
     `model_after.yaml` of a closed loop: `model_after: medium` lets the robot `medium` lend them."""
     screening: Literal["refuse", "drop"] = "refuse"
@@ -69,7 +66,7 @@ class StudyConfig(Section):
     """Axes under test, any of the robots': the joints that `wear_axes` of the model names count first, then
     the others. The wear of each is `f` of its own cells, `w1` or `w2` of the others'; wear factors beyond the
     tested axes are the wear of the first other axes."""
-    detectors: Annotated[dict[Name, DetectorSettings], Field(min_length=1), BeforeValidator(_short_detectors)]
+    detectors: Annotated[dict[Name, DetectorSettings], Field(min_length=1), _allow_short("use")]
     """Detectors by the name they have in tables and figures."""
     factors: Annotated[dict[FactorName, FactorSettings], Field(min_length=1)]
     """Factors of the design by column name, in the design's order; the fault is `f` and comes before other

@@ -306,8 +306,8 @@ def validation_design(
 ) -> pd.DataFrame:
     """Make the validation design: the same matrix, whose levels represent other natural values (Table 3).
 
-    The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube
-    is drawn anew. Parameters, columns and errors as `make_design`.
+    The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube is
+    drawn with other random numbers. Parameters, columns and errors as `make_design`.
     """
     options = dict(options or {})
     if kind == "latin_hypercube":

@@ -173,7 +173,7 @@ def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
         limits, deltas = {}, np.zeros(0)
         for name, rows in own.groupby("factor", sort=True):
             wide = rows.pivot(index="delta", columns="sigma", values="sure")
-            # A factor that moves nothing of a robot has no scope there, and holds it back in nothing.
+            # A factor without influence on a robot has no scope there, and limits nothing.
             needed = int(np.ceil(share * rows["cells"].max()))
             deltas, sigmas = wide.index.to_numpy(float), wide.columns.to_numpy(float)
             limits[str(name)] = largest_passing(wide.to_numpy(float) >= needed, sigmas)

@@ -54,7 +54,7 @@ def draw_runs(seed: int, row: int, runs: int) -> tuple[Array, Array, Array]:
 
 @numba.njit(cache=True)
 def _tail(y: Array, weights: Array, bandwidth: float, h: float, enough: float) -> float:
-    """Tail above h of the kernel density estimate of weighted runs; no further than above `enough`."""
+    """Tail above h of the kernel density estimate of weighted runs; the sum stops above `enough`."""
     total = 0.0
     for k in range(y.size):
         if total > enough:

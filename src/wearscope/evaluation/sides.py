@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import rankdata
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
@@ -246,15 +247,13 @@ def _add_ranks(answers: Answers) -> None:
             places.setdefault((cycle, axis), []).append(fda)
     for (cycle, axis), detectors in places.items():
         keys: list[Key] = [(cycle, axis, fda, "snr", "", 0.0) for fda in detectors]
-        value = _rank(np.array([[answers.value[key]] for key in keys]))[:, 0]
-        drawn = _rank(np.array([answers.drawn[key] for key in keys]))
+        value = rank_best([answers.value[key] for key in keys])
+        drawn = rank_best([answers.drawn[key] for key in keys])
         for k, fda in enumerate(detectors):
             place: Key = (cycle, axis, fda, "rank", "", 0.0)
             answers.value[place], answers.drawn[place] = float(value[k]), drawn[k]
 
 
-def _rank(snr: Array) -> Array:
-    """Rank (D, N) of SNRs (D, N); equals share the better one, NaN has none."""
-    filled = np.where(np.isnan(snr), -np.inf, snr)
-    ranks = 1.0 + np.sum(filled[None, :, :] > filled[:, None, :], axis=1)
-    return np.where(np.isnan(snr), np.nan, ranks)
+def rank_best(snr: ArrayLike) -> Array:
+    """Ranks of SNRs along the first axis, 1 for the largest; equals share the better one, NaN has none."""
+    return np.asarray(rankdata(-np.asarray(snr), "min", axis=0, nan_policy="omit"), dtype=float)

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def largest_passing(passes: NDArray[np.bool_], sigmas: Array) -> Array:
-    """Largest sigma up to which every one passes, (...) of passes (..., S); 0 where the first does not."""
+    """Largest sigma up to which all sigmas pass, shape (...) from passes (..., S); 0 if the first fails."""
     reached = np.where(passes.all(axis=-1), passes.shape[-1], np.argmin(passes, axis=-1))
     return np.concatenate([[0.0], sigmas])[reached]
 

@@ -190,7 +190,7 @@ class Plan:
         return [one for one in sets if self.packs or (self.drops and "nominal" not in one)]
 
     def packed(self, robot: str, cycle: str, *sets: str) -> list[str]:
-        """The recordings of some sets where they are packed, a file a chunk."""
+        """Files with the packed recordings of some sets, one a chunk."""
         markers = self.traces(robot, cycle, *self.packed_sets(*sets))
         return [marker.replace(".json", ".tar") for marker in markers]
 

@@ -22,6 +22,24 @@ WARMER = 1.0
 _ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
 #: How a threshold that was reached is told.
 _REACHED = {"alarm": "Alarm", "unchecked": "Above the threshold, but not confirmed,"}
+_SURE = "Thresholds for {:g} % false alarms, from simulated runs that scatter as the machine."
+_NONE = (
+    "unsure",
+    "No verdict: no threshold is shown to hold on this machine.",
+    "Some detectors could not be fitted or have no threshold.",
+)
+#: Kind of a strip, how sure it is and its caveat, by the first verdict of all recordings.
+_STRIPS = {
+    "alarm": ("bad", _SURE, "A threshold holds along its own motion only."),
+    "unchecked": (
+        "unsure",
+        "No alarm yet: simulated runs do not come so far, but how the machine scatters is unknown.",
+        "Too few nominal sessions of this motion tell how the machine scatters; record three.",
+    ),
+    "no alarm": ("good", _SURE, ""),
+    "withheld": _NONE,
+    "failed": _NONE,
+}
 #: How a recording is told, by its verdict: kind of conclusion, and words.
 _OUTCOMES = {"alarm": ("alarm", "alarm."), "no alarm": ("plain", "no alarm.")}
 #: Verdicts that are no answer, and why.
@@ -75,9 +93,7 @@ def detection_strip(found: Detections) -> Strip:
     scope = f" Judged at {told['joints']} of {count_text(told['of'], 'joint')}, for {told['seconds']:.0f} s."
     if found.summary["refused"]:
         scope += f" {count_text(len(found.summary['refused']), 'more recording')} refused."
-    sure = f"Thresholds for {100 * found.summary['setting']['p_f']:g} % false alarms, from simulated runs"
-    sure += " that scatter as the machine."
-    caveat, kind = "A threshold holds along its own motion only.", "bad" if first == "alarm" else "unsure"
+    kind, sure, caveat = _STRIPS[first]
     if first in _REACHED:
         own = judged[judged["verdict"] == first]
         name = own["session"].where(own["session"] != "", own["run"]).astype(str)
@@ -87,18 +103,13 @@ def detection_strip(found: Detections) -> Strip:
     elif first == "no alarm":
         rest = f"; {len(lead) - number} could not be judged" if number < len(lead) else ""
         answer = f"No alarm in {count_text(number, 'recording')}{rest}.{scope}"
-        caveat, kind = _tell_unseen(found.thresholds), "unsure" if rest else "good"
+        caveat, kind = _tell_unseen(found.thresholds), "unsure" if rest else kind
     else:
         answer = f"None of {many} could be judged."
-        sure = "No verdict: no threshold is shown to hold on this machine."
-        caveat = "Some detectors could not be fitted or have no threshold."
     if "withheld" in runs:
         caveat = f"Withheld in {count_text(runs['withheld'], 'recording')}: some detectors have no threshold."
-    if first == "unchecked":
-        sure = "No alarm yet: simulated runs do not come so far, but how the machine scatters is unknown."
-        caveat = "Too few nominal sessions of this motion tell how the machine scatters; record three."
     action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
-    return Strip(answer, kind, sure, caveat, action)
+    return Strip(answer, kind, sure.format(100 * found.summary["setting"]["p_f"]), caveat, action)
 
 
 def _name_joints(joints: pd.Series) -> str:

@@ -32,7 +32,8 @@ def find_step(t: Array) -> float:
     # A recorded clock in single precision jitters by some 1e-5 of a step.
     if len(steps) < 2 or not steps.min() > 0.0 or np.ptp(steps) > 1e-3 * steps.mean():
         raise InputError("reference: t does not grow in equal steps; sample the motion at a fixed rate.")
-    # Figures beyond the clock's are rounding of t: without them the step is that of the configuration.
+    # Digits below the clock's resolution are rounding errors of t; without them, the step is the configured
+    # one.
     return float(np.round((t[-1] - t[0]) / len(steps), 12))
 
 

@@ -12,7 +12,8 @@ from wearscope.robots.spatial import Array
 _MOTION = ("position", "velocity", "torque", "current", "goal", "duty")
 #: Fewest changes of a column that show how long it is held.
 _FEWEST = 50
-#: Share of its values that may be held shorter, and that are held so long or one row more or less.
+#: Largest share of values that are held shorter, and least share held for the usual number of rows, plus or
+#: minus one.
 _SHORTER, _ALIKE = 0.02, 0.7
 #: Smallest steps of a column that it usually goes on by: the counts of a slow encoder go on by one.
 _STEPS = 3.0

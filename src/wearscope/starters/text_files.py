@@ -22,7 +22,7 @@ _LOOK, _HEAD = 400, 8_000_000
 _NUMBERS, _ROW = 0.5, 0.8
 #: The D of an exponent as Fortran writes it.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
-#: Signs as in print.
+#: Typographic minus signs and dashes, read as a minus.
 SIGNS = {0x2212: "-", 0x2013: "-"}
 #: Share of a column's cells that may be damaged.
 _FEW_ODD = 0.01

@@ -112,7 +112,7 @@ def _lists(marker: Path, recording: Path) -> bool:
     try:
         return point in json.loads(marker.read_text(encoding="utf-8"))["fingerprints"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return True  # a marker that cannot be read vouches for nothing
+        return True  # an unreadable marker proves nothing
 
 
 def _read_kept(path: Path) -> str:
