@@ -191,7 +191,7 @@ def test_one_delay_of_the_recorder_is_one_name(statuses):
         for k, status in enumerate(statuses)
     ]
     verdict = copy.deepcopy(VERDICT) | {"verdict": delays}
-    verdict["time_delay"] = {"seconds": 0.00994, "joints": ["axis_1", "axis_2"]}
+    verdict["time_delay"] = {"effect": "time_delay", "seconds": 0.00994, "joints": ["axis_1", "axis_2"]}
     assert "lacks one delay of the recorder (9.94 ms) at axis_1 and axis_2. " in conclude_loop(verdict)[1]
     for one in delays:
         one["status"] = "not_confirmed"

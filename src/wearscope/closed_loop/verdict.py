@@ -102,7 +102,8 @@ def tell_common_delay(diagnosis: Outcome) -> dict[str, Any] | None:
     delays = {dataset.delays[j] for j in late} if dataset.delays else set()
     if len(late) < 2 or len(delays) > 1:
         return None
-    return {"seconds": delays.pop(), "joints": [dataset.joints[j] for j in late]}
+    named = diagnosis.late[0].term.effect.name
+    return {"effect": named, "seconds": delays.pop(), "joints": [dataset.joints[j] for j in late]}
 
 
 def list_far_links(diagnosis: Outcome) -> list[tuple[str, str]]:

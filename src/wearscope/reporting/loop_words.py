@@ -118,14 +118,14 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
     groups: dict[tuple[str, str, bool], list[Verdict]] = {}
     common = verdict.get("time_delay") or {"joints": []}
-    sure_delay = any(one["status"] == "confirmed" for one in held if one["effect"] == "time_delay")
+    seen = any(one["status"] == "confirmed" for one in held if one["effect"] == common.get("effect"))
     for one in held:
         alone = not list_shared().intersection((one["effect"], *one["equivalent"]))
         told = effect_name(one["effect"]) if alone else name_with_rivals(one)
         told = "a torque without a name" if one["effect"] == UNKNOWN else told
         kept, sure = is_in_model(one), one["status"] == "confirmed"
-        if one["joint"] in common["joints"] and one["effect"] == "time_delay":
-            told, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", sure_delay
+        if one["joint"] in common["joints"] and one["effect"] == common.get("effect"):
+            told, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", seen
         doubts = "" if sure else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
         groups.setdefault((told, doubts, kept), []).append(one)

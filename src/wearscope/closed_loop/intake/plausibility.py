@@ -107,6 +107,8 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     refused, noted = tell(found.best.reading, rows)
     # Where most torques stay unexplained, no reading is the answer.
     poor = float(np.median(found.best.held)) > _DOUBTFUL
+    if not rows.doubted.all():
+        poor |= found.best.leave_by_run()[np.unique(rows.run) == rows.run[rows.doubted][0]].max() > _DOUBTFUL
     if not refused or poor or found.best.over(found.stated) < REFUSE:
         return None
     parts = [told.rstrip(".") for told, _ in (*refused, *noted)]

@@ -7,7 +7,7 @@ The score decides between readings; nothing else here does.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from scipy import optimize
@@ -109,9 +109,10 @@ def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
         along = size * np.asarray(way) / max(float(np.linalg.norm(way)), 1e-9)
         return r.has("gravity", nats, gravity=tuple(along.tolist()))
 
-    ways = [way for way in np.vstack([np.eye(3), -np.eye(3)]) if way @ stated < _SAME * size]
+    grid = [np.array(way) / np.linalg.norm(way) for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)]
+    ways = [way for way in grid if way @ stated < _SAME * size]
     start = min(ways, key=lambda way: few.look(point(way)))
-    yield point(start, 0.0)
+    yield point(start, 0.0 if np.abs(start).max() == 1.0 else FREE)
     if few.look(point(start)) < few.look(r):
         found = optimize.minimize(
             lambda way: few.look(point(way)), start + 1e-3, method="Nelder-Mead", options={"maxfev": 40}
