@@ -18,9 +18,8 @@ from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 #: Share of a link's own parameters by which they may differ from the stated ones, trusted or approximate;
 #: share of the robot's mass that every link may carry in addition.
 _SLACK, _CARRIED = {"trusted": 0.1, "approximate": 0.2}, 0.005
-#: Share of the robot's mass that a payload may have, as arms are rated, and of its reach that it may be away
-#: from the joint.
-_PAYLOAD, _AWAY = 0.3, 0.3
+#: Share of the robot's mass that a payload may have, and of its reach that it may be away from the joint.
+_PAYLOAD, _AWAY = 1.0, 0.3
 #: Most that a rotor needs of a torque, over the largest that any joint's body needs.
 _ROTOR = 10.0
 #: Share of a joint's weight that a balancer carries.

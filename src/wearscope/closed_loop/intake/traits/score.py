@@ -268,13 +268,13 @@ class Model:
         return self.x[start : start + count]
 
     def leave_by_run(self) -> np.ndarray:
-        """Largest share (R,) of a torque's variance in a run that is left there."""
+        """Largest share (R,) of a torque's variance in a run, as it is read, that is left there."""
         rows, shares = self.fit.rows, []
         number = np.unique(rows.run, return_inverse=True)[1]
         for k, c in enumerate(rows.heard):
             at = rows.counts[:, c]
             count = np.maximum(np.bincount(number, at), 1)
-            y = np.where(at, rows.tau[:, c] / rows.scale[c], 0.0)
+            y = self.fit.y[k] + self.fit.body[k]
             spread = np.bincount(number, y**2) / count - (np.bincount(number, y) / count) ** 2
             left = np.bincount(number, self.leave(k) ** 2) / count
             shares.append(np.divide(left, spread, out=0.0 * left, where=spread > _EPS))
