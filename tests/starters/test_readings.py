@@ -661,3 +661,29 @@ def test_a_double_pendulum_with_an_idle_joint_is_taken(tmp_path):
     done = CliRunner().invoke(wearscope, ["new", "dataset", *files, *options])
     assert done.exit_code == 0, done.output
     assert any("is not driven" in note for note in check_dataset(tmp_path / "d").notes)
+
+
+def spoil(folder, run, change):
+    """Change the columns (N, 1 + 2 n) of one recording: time, positions, torques."""
+    file = folder / f"run{run}.csv"
+    header = file.read_text().splitlines()[0]
+    np.savetxt(
+        file, change(np.loadtxt(file, delimiter=",", skiprows=1)), "%.8g", ",", header=header, comments=""
+    )
+
+
+def turn_last(table):
+    return table * np.append(np.ones(table.shape[1] - 1), -1.0)
+
+
+@pytest.mark.parametrize("push", [0.0, 1.5])
+def test_one_wrong_run_is_told_with_a_remedy_of_its_own(tmp_path, push):
+    """No reading of all runs explains it; another run may be pushed, which its reading need not suit."""
+    bench = Bench(tmp_path, 2, 1.2).record(
+        lambda q, v, a, rng, t: chain(q, v, a, 1.2, 0.3) + rub(v, 0.1, 0.1) + rng.normal(0, 0.02, q.shape)
+    )
+    spoil(tmp_path, 1, turn_last)
+    spoil(tmp_path, 2, lambda x: x + np.outer(np.sin(0.9 * x[:, 0]) ** 2, [0, 0, 0, push, 0]))
+    said = bench.refuse()
+    assert "run1.csv: column 'tau_j2' has the opposite sign" in said
+    assert "correct this run's file, or leave the run out;" in said and "--turn" not in said

@@ -112,10 +112,8 @@ def _advise(loop: ClosedLoop) -> Markup:
     if any(one["status"] != "refuted" for one in entries):
         return Markup("Check it on the machine: the corrected model leaves it out.")
     if apart := loop.verdict.get("contradictory_runs"):
-        told = (
-            "Find out what differs in {} (a touch, a tool), leave it out or declare it, and diagnose again."
-        )
-        return Markup.escape(told.format(join_words(apart)))
+        told = f"Find out what differs in {join_words(apart)}: a touch, or a tool. Leave these runs out of"
+        return Markup.escape(f"{told} dataset.yaml, or state their payload there, and diagnose again.")
     if list_unexplained(loop.verdict, small=False) or tell_noise(loop.verdict):
         text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
         return text + "a missing effect over a signal."

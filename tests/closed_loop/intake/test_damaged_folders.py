@@ -149,6 +149,7 @@ def test_what_cannot_be_corrected_is_refused(wholes, tmp_path, kind, first):
     with pytest.raises(InputError) as caught:
         close_loop(folder, tmp_path / "out", light=True)
     assert told in str(caught.value)
+    assert not first or "r1.parquet: " in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 

@@ -5,6 +5,7 @@ others: one machine must explain both. A data set is refused with the best readi
 `accept` overrules it; what the loop has a name for, and what changes no number, is a note.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,8 @@ _DOUBTFUL, _UNJUDGED, _HOPELESS = 0.1, 0.25, 0.8
 _NO_FRICTION = 1e-3
 #: Share of what a torque as recorded leaves that it leaves with signs, where it has lost them.
 _FOLDED = 0.5
+#: A remedy for all runs, and whether another one follows.
+_FOR_ALL = re.compile(r'; write "[^"]*"(?: below robot)? in dataset\.yaml(, or)?')
 #: Turns of the search for a torque's signs; share of a reach that a position goes from one row to the next.
 _TURNS, _STEP = 20, 0.1
 
@@ -65,41 +68,44 @@ def _leave(rows: Rows) -> np.ndarray:
 
 
 def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighed:
-    """Readings of all runs together, then of the run that the stated one explains least by itself."""
+    """Refuse the best reading, of all runs or of the one that agrees least with the others; what is left."""
     declared = prepared.dataset.fields.declared_effects
-    stated = Reading.stated(whole.n)
-    taken: dict[str, Reading] = {"late tau": stated} if TIME_DELAY.name in declared else {}
-    found = _refuse(prepared, whole, taken, np.zeros(0, dtype=int))
-    alone, together = np.nan_to_num(left).max(axis=1), found.best.leave_by_run()
-    doubtful = np.flatnonzero(np.maximum(alone, together) > _DOUBTFUL).tolist()
-    if doubtful and len(left) > 1:
-        # One that is wrong makes others look so: it is the one without which the rest agrees best.
-        rest = [np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful]
-        worst = doubtful[int(np.argmin(rest))]
-        others = np.setdiff1d(np.flatnonzero(alone > _DOUBTFUL), worst)
-        _refuse(prepared, _doubt(whole, worst), taken, others)
-    return found
-
-
-def _doubt(whole: Rows, run: int) -> Rows:
-    """Rows of which only the columns of one run are in question."""
-    return replace(whole, doubted=whole.run == run)
-
-
-def _refuse(prepared: Prepared, own: Rows, taken: dict[str, Reading], others: np.ndarray) -> Weighed:
-    """Refuse readings of all runs, or of one that suit most others that are doubted; what is left of them."""
-    found = weigh(own, frozenset(taken))
-    while (told := _tell(found, own)) is not None:
-        reading = found.best.reading
+    taken: dict[str, Reading] = {}
+    if TIME_DELAY.name in declared:
+        taken["late tau"] = Reading.stated(whole.n)
+    found = weigh(whole, frozenset(taken))
+    single = _doubt_one(whole, left, found)
+    while True:
+        every = [(found, whole), *((weigh(rows, frozenset(taken)), rows) for rows in single)]
+        told = [(one.best.over(one.stated), k) for k, (one, rows) in enumerate(every) if _tell(one, rows)]
+        if not told:
+            return found
+        best, rows = every[max(told)[1]]
+        text, codes = _tell(best, rows) or ("", ())
+        reading = best.best.reading
         # What is accepted explains these rows as well.
-        if any(look_at(own, one) >= look_at(own, reading) for one in taken.values()):
+        if any(look_at(rows, one) >= look_at(rows, reading) for one in taken.values()):
             return Weighed(found.stated, found.stated, [])
-        taken.update(dict.fromkeys(told[1], reading))
-        if own.doubted.all() or _suits(own, reading, others):
-            file = "" if own.doubted.all() else prepared.runs[int(own.run[own.doubted][0])].file
-            prepared.refuse(str(prepared.dataset.folder / file), told[0], *told[1])
-        found = weigh(own, frozenset(taken))
-    return found
+        taken.update(dict.fromkeys(codes, reading))
+        file = ""
+        if rows is not whole:
+            file = prepared.runs[int(rows.run[rows.doubted][0])].file
+            # What dataset.yaml says of columns holds for every run.
+            text = _FOR_ALL.sub(lambda found: ";" if found[1] else "", text.rstrip("."))
+            text += "; correct this run's file, or leave the run out."
+        prepared.refuse(str(prepared.dataset.folder / file), text, *codes)
+        found = weigh(whole, frozenset(taken))
+
+
+def _doubt_one(whole: Rows, left: np.ndarray, found: Weighed) -> list[Rows]:
+    """Rows of which only the least explained run's columns are in question; none where all are explained.
+
+    A wrong run makes others look wrong: it is the run without which the others agree best.
+    """
+    most = np.maximum(np.nan_to_num(left).max(axis=1), found.stated.leave_by_run())
+    doubtful = np.flatnonzero(most > _DOUBTFUL).tolist() if len(left) > 1 else []
+    rest = {k: np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful}
+    return [replace(whole, doubted=whole.run == run) for run in sorted(rest, key=lambda k: rest[k])[:1]]
 
 
 def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
@@ -108,7 +114,8 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     # Where most torques stay unexplained, no reading is the answer.
     poor = float(np.median(found.best.held)) > _DOUBTFUL
     if not rows.doubted.all():
-        poor |= found.best.leave_by_run()[np.unique(rows.run) == rows.run[rows.doubted][0]].max() > _DOUBTFUL
+        which = np.unique(rows.run).tolist().index(rows.run[rows.doubted][0])
+        poor |= bool(found.best.leave_by_run()[which] > _DOUBTFUL)
     if not refused or poor or found.best.over(found.stated) < REFUSE:
         return None
     parts = [told.rstrip(".") for told, _ in (*refused, *noted)]
@@ -123,12 +130,6 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
             text += f"; or, which these motions do not tell from it, {others}"
             codes += [code for _, some in other for code in some]
     return f"{text}.", tuple(dict.fromkeys(codes))
-
-
-def _suits(whole: Rows, reading: Reading, others: np.ndarray) -> bool:
-    """Whether a reading of some runs suits most others that the stated one does not explain either."""
-    gains = [look_at(_doubt(whole, run), reading) for run in others.tolist()]
-    return not gains or bool(np.mean(np.array(gains) > REFUSE) >= 0.5)
 
 
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
