@@ -1,6 +1,7 @@
 """A load that is not as declared in some runs only is told as that, with the mass of each run."""
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -36,6 +37,16 @@ def test_each_run_s_load_is_told(tell, carry):
     added, low, high, *each = [float(x) for x in re.findall(r"(-?[\d.]+)(?: kg| to|\) more)", sentence)]
     assert low <= 1.5 <= high and added == pytest.approx(1.5, abs=0.4)
     assert each[-4:] == pytest.approx(planted, abs=0.4)
+
+
+def test_nineteen_of_twenty_intervals_hold_the_load(tell, carry, tmp_path):
+    held = 0
+    for seed in range(40, 60):
+        shutil.rmtree(tmp_path / "duo", ignore_errors=True)
+        (sentence,) = tell(extra_torque=carry([0.0, 1.5, 0.0, 1.5]), seed=seed)
+        low, high = (float(x) for x in re.search(r"\((-?[\d.]+) to (-?[\d.]+)\) more", sentence).groups())
+        held += low <= 1.5 <= high
+    assert 17 <= held
 
 
 @pytest.mark.parametrize("kind", ["none", "all", "friction"])

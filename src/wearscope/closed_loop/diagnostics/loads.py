@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.traits.dictionary import scale_payload
@@ -64,7 +65,9 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
         added = float(mass[heavier].mean() - mass[~heavier].mean())
-        wide = float(np.sqrt(sum(np.sum(error[k] ** 2) / k.sum() ** 2 for k in (heavier, ~heavier))))
+        # Each run's halves differ by twice the error of their mean, with one degree of freedom.
+        each_way = 1.0 / heavier.sum() + 1.0 / (~heavier).sum()
+        wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
         told = (
