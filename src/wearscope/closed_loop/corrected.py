@@ -5,18 +5,18 @@ elsewhere, as at another temperature, and only test runs show it. They therefore
 name that they refute, or that makes a joint's error larger, is taken out, and the joint goes back towards the
 declared model, which claims nothing. No test run is spent twice on a claim by that:
 
-- A name is `confirmed` where the whole interval of what it removes at its joints is above zero. A name that
-  harms another joint keeps that status. The veto makes no false confirmation likelier.
+- A name is `confirmed` where the whole interval of what it removes at its joints is above zero. The veto
+  makes no false confirmation likelier.
 - An error is called `smaller` only where the interval of its change lies below zero. The choice of the
   smaller of two errors alone, which favours the corrected model, reaches no such claim either.
 
 A part of the test runs that decides and another that reports would make both less sure, and would promise
 nothing on the part that reports.
 
-Bodies couple the joints. Few parameters of a named body need not fit all of them: a payload without moments
-of inertia turns a distant axis too easily. And a joint whose noise falls a lot by its name moves the bodies
-that it shares with others. Before a name is withdrawn that harms another joint, that one is given an inertia
-of its own, if the name is a body's, and then more weight in the fit.
+Bodies couple the joints. A joint whose noise falls by its name moves the bodies that it shares with others.
+What that changes at another joint is no reason against the name. Few parameters of a named body need not fit
+all joints: a payload without moments of inertia turns a distant axis too easily. A joint that a named body
+harms is given an inertia of its own before the body's name is withdrawn.
 """
 
 from collections.abc import Sequence
@@ -32,8 +32,6 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.rotor_inertia_error import EFFECT as OWN_INERTIA
 
 _SEED = 31
-#: Largest factor of the weight, as of a residual scale, of a joint that another one's name harms.
-_HEAVIEST = 16.0
 
 
 def withdraw_worse(
@@ -71,9 +69,8 @@ def withdraw_worse(
     why = ["the test runs refute it" if mark.status == "refuted" else "" for mark in marked]
     kept = [k for k, reason in enumerate(why) if not reason]
     helped: list[ModelTerm] = []
-    scale = sigma.copy()
+    start = Regression(base.prepared, base.entries, sigma, base.inertial, base.blocks)
     while kept:
-        start = Regression(base.prepared, base.entries, scale, base.inertial, base.blocks)
         model = refit(start, [*base.entries, *helped, *(terms[k] for k in kept)])
         model, out = keep_possible(model, len(base.entries))
         first = len(model.entries) - len(kept)
@@ -88,16 +85,12 @@ def withdraw_worse(
         if spread and inertia not in helped:
             helped.append(inertia)
             continue
-        elsewhere = spread or (j >= 0 and all(terms[k].joint != j for k in worse))
-        if elsewhere and scale[j] * _HEAVIEST > sigma[j]:
-            scale[j] /= 2.0
-            continue
         # What removes least of the test runs' error is withdrawn first.
         gone = min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction))
         kept.remove(gone)
         larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} {growth:.2g} % larger"
         why[gone] = larger if worse and j >= 0 else "parameters of the model would be impossible with it"
-        helped, scale = [], sigma.copy()
+        helped = []
     return before, why, [], []
 
 
@@ -110,10 +103,9 @@ def _is_possible(model: Regression, term: ModelTerm) -> bool:
 def _find_worse(
     prepared: Prepared, before: Regression, after: Regression, kept: dict[int, ModelTerm]
 ) -> tuple[int, list[int], float]:
-    """The joint whose error grows most, the names one of which makes it, and by how many per cent.
+    """The joint whose error grows most by names that act on it, these names, and by how many per cent.
 
-    Bodies couple the joints: one without a name of its own may change by chance where another has one, and
-    must be worse outside the noise.
+    Where none but names of bodies acts on it, it must be worse outside the noise.
     """
     errors = []
     for model in (before, after):
@@ -129,6 +121,6 @@ def _find_worse(
         felt = [k for k, term in kept.items() if term.effect.spread]
         if own:
             return j, own, float(change[j])
-        if interval[0][j] > 0.0:
-            return j, felt or list(kept), float(change[j])
+        if felt and interval[0][j] > 0.0:
+            return j, felt, float(change[j])
     return -1, [], 0.0

@@ -315,7 +315,7 @@ def conclude(
     states = withhold_judgement(prepared, states, worth)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     joints = prepared.dataset.joints
-    notes = tell_loads(prepared, predicted) + tell_limits(answer.limits, joints)
+    notes = tell_loads(prepared, predicted, after) + tell_limits(answer.limits, joints)
     notes += tell_other_loads(after, here) + tell_payload(after)
     notes += [f"{joints[j]}: {told}." for j, told in answer.suspected.items()]
     notes += [one.describe(joints) for one in impossible]

@@ -25,7 +25,7 @@ def tell(record, pose):
         model = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
         )
-        return tell_loads(problem.prepared, predict_runs(problem.prepared, model, model))
+        return tell_loads(problem.prepared, predict_runs(problem.prepared, model, model), model)
 
     return told
 

@@ -10,7 +10,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.loads import OTHER, find_other_loads
-from wearscope.closed_loop.model.prediction import Predicted, refit
+from wearscope.closed_loop.model.prediction import Predicted, find_signals, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import PayloadEffect
@@ -24,30 +24,37 @@ _ALIKE = 0.9
 _DIFFERS = "The load differs between runs"
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
+#: Columns of a load, what is left, and columns of a model, over rows.
+_Half = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def tell_loads(prepared: Prepared, predicted: Sequence[Predicted]) -> list[str]:
+def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regression) -> list[str]:
     """A sentence where what a model leaves is most of all a load of each run's own; else nothing.
 
     A load that is fitted to one half of a run must predict what is left of the other half, better than the
-    load of all other runs does.
+    load of all other runs does. The model's own coefficients are fitted again with such loads, as they hold
+    part of them.
 
     Parameters
     ----------
     prepared : Prepared
     predicted : sequence of Predicted
         Along all runs.
+    after : Regression
+        The model.
     """
     effect = _find_payload()
     files = list(dict.fromkeys(p.run.file for p in predicted))
     if effect is None or len(files) < 2:
         return []
-    rows = _gather(prepared, predicted, effect, files)
-    if any(len(y) < 4 * x.shape[1] for pair in rows for x, y in pair):
+    gathered = _gather(prepared, predicted, effect, files, after)
+    if any(len(y) < 4 * x.shape[1] for pair in gathered for x, y, _ in pair):
         return []
-    size = np.sqrt(np.mean(np.concatenate([x**2 for pair in rows for x, _ in pair]), axis=0))
-    rows = [[(x / np.maximum(size, 1e-300), y) for x, y in pair] for pair in rows]
-    whole = max(sum(float(y @ y) for pair in rows for _, y in pair), 1e-300)
+    whole = max(sum(float(y @ y) for pair in gathered for _, y, _ in pair), 1e-300)
+    size = np.sqrt(np.mean(np.concatenate([x**2 for pair in gathered for x, *_ in pair]), axis=0))
+    scaled = [[(x / np.maximum(size, 1e-300), y, m) for x, y, m in pair] for pair in gathered]
+    change = _fit_again(after, [one for pair in scaled for one in pair])
+    rows = [[(x, y - m @ change) for x, y, m in pair] for pair in scaled]
     own, common = 0.0, 0.0
     loads = np.zeros((len(rows), 2, len(size)))
     for k, pair in enumerate(rows):
@@ -141,29 +148,48 @@ def _find_payload() -> PayloadEffect | None:
 
 
 def _gather(
-    prepared: Prepared, predicted: Sequence[Predicted], effect: PayloadEffect, files: Sequence[str]
-) -> list[list[tuple[np.ndarray, np.ndarray]]]:
-    """By file and half of its time, a load's columns (R, P) and what is left (R,), over joints' scales."""
+    prepared: Prepared,
+    predicted: Sequence[Predicted],
+    effect: PayloadEffect,
+    files: Sequence[str],
+    after: Regression,
+) -> list[list[_Half]]:
+    """By file and half of its time: columns of a load (R, P), what is left (R,), and columns of the model."""
     last = prepared.n - 1
     left = [p.run.measured - p.after for p in predicted]
     keep = [p.run.keep & prepared.moving for p in predicted]
     square = sum(np.sum(np.where(k, x, 0.0) ** 2, axis=0) for x, k in zip(left, keep, strict=True))
     scale = np.sqrt(np.maximum(square / np.maximum(sum(k.sum(axis=0) for k in keep), 1), 1e-300))
-    gathered = []
+    theta, gathered = after.solve(), []
     for file in files:
         own = [i for i, p in enumerate(predicted) if p.run.file == file]
         middle = np.median(np.concatenate([predicted[i].run.t for i in own]))
+        parts = []
+        for i in own:
+            run = predicted[i].run
+            load = run.reduce(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
+            model = after.take_columns(run, find_signals(after, theta, run))
+            late = np.broadcast_to((run.t >= middle)[:, None], keep[i].shape)[keep[i]]
+            some = [x[keep[i]] for x in (load / scale[:, None], left[i] / scale, model / scale[:, None])]
+            parts.append((late, some))
         pair = []
-        for second in (False, True):
-            parts = []
-            for i in own:
-                run = predicted[i].run
-                columns = run.reduce(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
-                counts = keep[i] & ((run.t >= middle) == second)[:, None]
-                parts.append(((columns / scale[:, None])[counts], (left[i] / scale)[counts]))
-            pair.append((np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])))
+        for half in (False, True):
+            x, y, z = ([some[k][late == half] for late, some in parts] for k in range(3))
+            pair.append((np.concatenate(x), np.concatenate(y), np.concatenate(z)))
         gathered.append(pair)
     return gathered
+
+
+def _fit_again(after: Regression, halves: Sequence[_Half]) -> np.ndarray:
+    """Change (M,) of a model's coefficients where each half run has a load of its own."""
+    normal, right = after.prior.copy(), np.zeros(after.p)
+    for load, left, model in halves:
+        basis, sizes, _ = np.linalg.svd(load, full_matrices=False)
+        basis = basis[:, sizes > _SEEN * sizes[0]]
+        rest = model - basis @ (basis.T @ model)
+        normal += rest.T @ rest
+        right += rest.T @ left
+    return np.asarray(np.linalg.solve(normal, right))
 
 
 def _solve(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

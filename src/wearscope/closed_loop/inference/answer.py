@@ -156,6 +156,7 @@ def find_terms(
     model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
     model, unbelievable = _compare_unbelievable(moves, model)
     left |= unbelievable
+    model = model.has(_join_parts(model.terms)).rescale()
     found = [_judge(moves, model, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)
@@ -198,6 +199,15 @@ def _share(given: Model, made: Model, joints: Sequence[int]) -> float:
     """Largest share of a joint's held-out loss that one model removes of another's."""
     lost, left = given.fit.held_out, made.fit.held_out
     return max(float(1.0 - left[j] / max(lost[j], 1e-300)) for j in joints)
+
+
+def _join_parts(terms: Sequence[Term]) -> list[Term]:
+    """Terms, those of one effect with one shape at a joint as one: a search may find its parts in turn."""
+    parts: dict[tuple, list[Term]] = {}
+    for term in terms:
+        parts.setdefault((term.model_term.label, term.model_term.shape), []).append(term)
+    every = {key: tuple(sorted({k for t in some for k in t.subset})) for key, some in parts.items()}
+    return [replace(some[0], subset=every[key]) for key, some in parts.items()]
 
 
 def _judge(moves: Moves, model: Model, term: Term) -> Found:

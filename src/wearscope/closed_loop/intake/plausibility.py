@@ -111,8 +111,7 @@ def _doubt_one(whole: Rows, left: np.ndarray, found: Weighed) -> list[Rows]:
 def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     """What is refused and its codes; None where nothing is."""
     refused, noted = tell(found.best.reading, rows)
-    # Where most torques stay unexplained, no reading is the answer.
-    poor = float(np.median(found.best.held)) > _DOUBTFUL
+    poor = not found.is_answer
     if not rows.doubted.all():
         which = np.unique(rows.run).tolist().index(rows.run[rows.doubted][0])
         poor |= bool(found.best.leave_by_run()[which] > _DOUBTFUL)
@@ -204,7 +203,7 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
         prepared.refuse(str(prepared.dataset.folder), told, "unrelated tau")
     for name, size in zip(names, sizes, strict=True):
         told = f"{name}: body, friction and springs leave {size:.0f} % of this torque (RMS), and no reading"
-        prepared.notes.append(f"{told} of its column is better.")
+        prepared.notes.append(f"{told} of its column explains it.")
 
 
 def _misfit(own: Rows, known: np.ndarray, j: int) -> float:

@@ -24,11 +24,16 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
         # A payload says the same as a factor of the torques, and can be weighed.
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
-    noted = tell(reading, rows)[1]
-    unsure = tell(reading, rows)[0] if found.best.over(found.stated) > NOTE else []
-    prepared.notes += [f"perhaps {told}" for told, _ in unsure] + [told for told, _ in noted]
+    refused, noted = tell(reading, rows)
+    if found.best.over(found.stated) > NOTE:
+        left = f"it leaves up to {100 * np.sqrt(model.held.max()):.0f} % of a torque (RMS)"
+        prepared.notes += [
+            f"perhaps {told}" if found.is_answer else f"perhaps, though {left}: {told}" for told, _ in refused
+        ]
     names = prepared.dataset.joints
-    prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
+    if not refused or found.is_answer:
+        prepared.notes += [told for told, _ in noted]
+        prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
     _note_payload(prepared, found)
     for k, j in enumerate(model.fit.joint.tolist()):
         if model.rub(k) < _NO_FRICTION and model.left[k] < _POOR:

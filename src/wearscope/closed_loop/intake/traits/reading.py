@@ -5,6 +5,10 @@ from typing import Any
 
 import numpy as np
 
+#: Fields of whole runs, and those with a value a joint.
+_OF_ALL = ("gravity", "without", "delay", "lag", "clock")
+_OF_JOINTS = ("torque_sign", "factor", "zero", "size", "motion_of", "torque_of")
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -80,6 +84,15 @@ class Reading:
     def moves(self) -> tuple:
         """What of it changes the motion, or the body's torque."""
         return self.motion_of, self.factor, self.zero, self.clock, self.gravity, self.without, self.crossed
+
+    @property
+    def claims(self) -> np.ndarray:
+        """Joints (n,) whose columns are not what they are said to be; all where it is of whole runs."""
+        stated = Reading.stated(len(self.factor))
+        every = any(getattr(self, name) != getattr(stated, name) for name in _OF_ALL)
+        own = [np.array(getattr(self, name)) != np.array(getattr(stated, name)) for name in _OF_JOINTS]
+        crossed = np.isin(np.arange(len(self.factor)), sorted(self.crossed))
+        return np.any([*own, crossed], axis=0) | every
 
     @property
     def joint_of(self) -> np.ndarray:

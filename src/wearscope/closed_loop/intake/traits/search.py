@@ -16,6 +16,8 @@ ODDS, REFUSE = float(np.log(100.0)), 10.0
 _FEW, _BEAM, _FRONT = 160, 4, 2
 #: Rounds of further traits; share of a torque's variance that is much.
 _ROUNDS, _MUCH = 2, 0.1
+#: Share of a torque's variance, and of what the stated reading leaves of it, that is little.
+_LITTLE, _LESS = 0.05, 0.33
 #: Nats by which a reading is the likelier one at a first look, whatever all rows say.
 _APART = 30.0
 #: Standard errors within which runs carry the same.
@@ -39,6 +41,13 @@ class Weighed:
     stated: Model
     best: Model
     ties: list[Model]
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether the best reading explains the torques that it is of."""
+        own = self.best.reading.claims[self.best.fit.joint]
+        much = self.best.held > np.maximum(_LITTLE, _LESS * self.stated.held)
+        return not np.any(much & own if own.any() else much)
 
 
 def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
