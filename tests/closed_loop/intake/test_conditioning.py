@@ -17,7 +17,7 @@ from wearscope.closed_loop.intake.filtering import (
 )
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.rough_model import RoughRun, predict_rough
-from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped
+from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, goes_beyond
 from wearscope.errors import InputError
 from wearscope.robots.spatial import unwrap_turns
 
@@ -312,17 +312,25 @@ def test_clipped_torque_is_found_with_and_without_noise():
     need = 10 * np.sin(2 * T)[:, None]
     for noise in (0.0, 0.05):
         tau = np.clip(need, -7.0, 7.0) + noise * np.random.default_rng(10).normal(size=need.shape)
-        found = find_clipped(tau, need, np.cos(T)[:, None], None)[:, 0]
+        found = find_clipped(tau, need, np.cos(T)[:, None], [np.inf])[:, 0]
         beyond = np.abs(need[:, 0]) > 7.3
         assert found[beyond].all()
         assert not found[np.abs(need[:, 0]) < 6.5].any()
+
+
+@pytest.mark.parametrize(("limit", "is_at_it"), [(7.0, True), (4.0, False)])
+def test_a_torque_that_goes_beyond_a_stated_limit_is_not_held_by_it(limit, is_at_it):
+    need = 10 * np.sin(2 * T)[:, None]
+    tau = np.clip(need, -limit, limit) if is_at_it else need
+    tau = tau + 0.02 * np.random.default_rng(12).normal(size=need.shape)
+    assert goes_beyond(tau[:, 0], limit) != is_at_it
 
 
 def test_peaks_that_merely_miss_the_prediction_are_not_clipped():
     rng = np.random.default_rng(11)
     need = draw_smooth(rng)[:, None]
     tau = 0.9 * need + 0.01 * rng.normal(size=need.shape)
-    assert not find_clipped(tau, need, np.gradient(need, axis=0), None).any()
+    assert not find_clipped(tau, need, np.gradient(need, axis=0), [np.inf]).any()
 
 
 def test_a_joint_whose_torque_is_nearly_all_friction_is_not_clipped():
@@ -337,7 +345,7 @@ def test_a_joint_whose_torque_is_nearly_all_friction_is_not_clipped():
     run = RoughRun("train", T, np.zeros(v.shape), np.gradient(v, T, axis=0), np.sign(v), v, tau, none, none)
     (predicted,) = predict_rough([run], inner=True)
     assert np.std((predicted - tau)[~rests]) < 0.2 * np.std(tau)
-    assert not find_clipped(tau, predicted, v, None).any()
+    assert not find_clipped(tau, predicted, v, [np.inf]).any()
 
 
 def test_a_plateau_of_friction_is_no_limit_though_its_slow_reversals_spoil_the_prediction():
@@ -346,10 +354,10 @@ def test_a_plateau_of_friction_is_no_limit_though_its_slow_reversals_spoil_the_p
     wanted = 0.12 * np.tanh(v / 0.06)
     tau = wanted + 0.0005 * rng.normal(size=v.shape)
     predicted = wanted + 0.03 * np.sin(1.3 * T)[:, None] * np.sign(v)
-    assert not find_clipped(tau, predicted, v, None).any()
+    assert not find_clipped(tau, predicted, v, [np.inf]).any()
     load = 0.1 * np.sin(0.8 * T)[:, None]
     clipped = np.clip(wanted + load, -0.15, 0.15) + 0.0005 * rng.normal(size=v.shape)
-    at = find_clipped(clipped, wanted + load, v, None)
+    at = find_clipped(clipped, wanted + load, v, [np.inf])
     assert at[np.abs(wanted + load) > 0.16].mean() > 0.95 and not at[np.abs(wanted + load) < 0.14].any()
 
 
@@ -359,10 +367,10 @@ def test_a_torque_that_stays_while_its_joint_rests_is_at_no_limit():
     v = np.where(T > 0.9 * T[-1], np.sin(8.0 * T), 1e-6 * rng.normal(size=len(T)))[:, None]
     tau = np.where(v < -1e-3, -0.6, 0.0) + 0.003 * rng.normal(size=v.shape)
     load = 0.3 * np.sin(2.0 * T)[:, None] * (np.abs(v) < 1e-3)
-    assert not find_clipped(tau, tau + load, v, None).any()
+    assert not find_clipped(tau, tau + load, v, [np.inf]).any()
     # The same where it moves all the time.
     moving = np.cos(5.0 * T)[:, None]
-    assert find_clipped(tau, tau + load, moving, None).any()
+    assert find_clipped(tau, tau + load, moving, [np.inf]).any()
 
 
 def test_stated_torque_limits_are_believed():

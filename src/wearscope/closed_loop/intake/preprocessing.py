@@ -35,7 +35,13 @@ from wearscope.closed_loop.intake.prepared import (
 )
 from wearscope.closed_loop.intake.reversals import choose_reversal_widths
 from wearscope.closed_loop.intake.rough_model import RoughRun, bridge_rest, predict_rough
-from wearscope.closed_loop.intake.saturation import bridge_torque, find_clipped, keep_lasting, spread_out
+from wearscope.closed_loop.intake.saturation import (
+    bridge_torque,
+    find_clipped,
+    goes_beyond,
+    keep_lasting,
+    spread_out,
+)
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
 from wearscope.effects.base import Signals
 from wearscope.errors import InputError
@@ -142,7 +148,15 @@ def bridge_gaps(
     InputError
         Where too much of a joint's training torque is no measurement.
     """
-    limits = dataset.fields.robot.torque_limit
+    stated = dataset.fields.robot.torque_limit
+    limits = [np.inf] * len(dataset.joints) if stated is None else list(stated)
+    for j, limit in enumerate(limits):
+        if goes_beyond(np.concatenate([source.run.tau[:, j] for source in sources]), limit):
+            name, limits[j] = f"tau_{dataset.joints[j]}", np.inf
+            notes.append(
+                f"{name} goes beyond robot.torque_limit ({limit:g}), which is not used; correct it, or the "
+                "torque's unit."
+            )
     bridged, seen = [], []
     for source, run, guess in zip(sources, rough, predict_rough(rough, inner=True), strict=True):
         predicted, v = (

@@ -5,11 +5,15 @@ joint; it serves only to find where a torque stays at a level that the motion mu
 the common filter across the gap. Rows in a gap never count.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import ndimage
 
 #: Least share of a run's rows that must lie at a level before it is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
+#: A stated limit times these: from where a torque is at it, and from where it is beyond it.
+_AT, _OVER = 0.999, 1.05
 #: Share of a torque's span by which the rough prediction must exceed a limit.
 _BEYOND = 0.02
 #: Correlation of a torque with its prediction beyond a level from which the level is no limit: friction makes
@@ -62,8 +66,14 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.n
     return none if _comes_with_direction(at, v) else at
 
 
+def goes_beyond(tau: np.ndarray, limit: float) -> bool:
+    """Whether a torque (N,) that reaches a stated limit mostly goes on beyond it: it is not held by it."""
+    over = np.abs(tau[np.abs(tau) >= _AT * limit])
+    return bool(np.mean(over > _OVER * limit) > 0.5) if len(over) else False
+
+
 def find_clipped(
-    tau: np.ndarray, predicted: np.ndarray, v: np.ndarray, limits: list[float] | None
+    tau: np.ndarray, predicted: np.ndarray, v: np.ndarray, limits: Sequence[float]
 ) -> np.ndarray:
     """Samples (N, n) at a limit of the drive.
 
@@ -73,13 +83,12 @@ def find_clipped(
         Measured torque, and what the motion needs roughly.
     v : ndarray (N, n)
         Speed.
-    limits : list of float, optional
-        Torque limits that the data set states.
+    limits : sequence of float
+        Torque limits; infinite where none is known.
     """
     clipped = np.zeros(tau.shape, dtype=bool)
     for j in range(tau.shape[1]):
-        if limits is not None:
-            clipped[:, j] |= np.abs(tau[:, j]) >= 0.999 * limits[j]
+        clipped[:, j] |= np.abs(tau[:, j]) >= _AT * limits[j]
         for sign in (1.0, -1.0):
             clipped[:, j] |= _at_exact_level(tau[:, j], sign > 0)
             clipped[:, j] |= _at_noisy_level(sign * tau[:, j], sign * predicted[:, j], v[:, j])
