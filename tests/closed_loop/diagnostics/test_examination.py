@@ -12,6 +12,7 @@ from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import SimulationError
+from wearscope.simulation.forward import simulate_forward
 
 
 @pytest.fixture
@@ -43,6 +44,19 @@ def test_failed_simulation_is_said_and_leaves_no_numbers(record, fit_declared, m
     summary = forward.compare_forward(prepared, models)
     assert summary["outcome"].str.contains("fell over").all()
     assert summary[["torque_rms", "motion_rms", "torque_rms_low"]].isna().all(axis=None)
+
+
+def test_the_effect_that_stops_a_simulation_is_named(record, fit_declared, monkeypatch):
+    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
+
+    def fail(simulated, *args, **kwargs):
+        if any((one.effect, one.joint) == ("viscous", "b") for one in simulated.effects):
+            raise SimulationError("it fell over.")
+        return simulate_forward(simulated, *args, **kwargs)
+
+    monkeypatch.setattr("wearscope.simulation.forward.simulate_forward", fail)
+    summary = forward.compare_forward(prepared, models_of(prepared, model))
+    assert summary["outcome"].str.endswith("failed: it fell over. Without viscous at b it runs.").all()
 
 
 def test_whole_examination_on_a_small_data_set(record, tmp_path):

@@ -1,7 +1,8 @@
 """The models before and after, simulated forward along the measured motion against the recording."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -144,23 +145,44 @@ def _simulate_run(
     short = replace(run, t=run.t[:length])
     simulated: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     said: dict[str, str] = {}
+    loaded = {key: with_payload(model, prepared, run) for key, model in models.items()}
+
+    def simulate(stage: str, model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+        conditions: dict[str, Any] = {
+            "declared": loaded["before"],
+            "temperature": recorded_temperature(prepared, run, {stage: model}, count),
+            "controller_temperature": mean_temperature(run),
+        }
+        torque = simulate_forward(model, reference, **conditions)
+        motor = measured_motor_torque(model, run)[:count]
+        motion = simulate_forward(model, reference, **conditions, feedforward=motor)
+        return short.reduce(torque.tau), (motion.q - reference.q)[at]
+
     for stage in _STAGES:
         try:
-            loaded = {key: with_payload(model, prepared, run) for key, model in models.items()}
-            conditions: dict[str, Any] = {
-                "declared": loaded["before"],
-                "temperature": recorded_temperature(prepared, run, {stage: loaded[stage]}, count),
-                "controller_temperature": mean_temperature(run),
-            }
-            torque = simulate_forward(loaded[stage], reference, **conditions)
-            motor = measured_motor_torque(loaded[stage], run)[:count]
-            motion = simulate_forward(loaded[stage], reference, **conditions, feedforward=motor)
-        except (SimulationError, InputError) as error:
+            simulated[stage] = simulate(stage, loaded[stage])
+            said[stage] = "ok"
+        except SimulationError as error:
+            stops = list(_find_stops(partial(simulate, stage), loaded[stage]))
+            said[stage] = f"failed: {error}{_tell_stops(stops)}"
+        except InputError as error:
             said[stage] = f"failed: {error}"
-            continue
-        simulated[stage] = short.reduce(torque.tau), (motion.q - reference.q)[at]
-        said[stage] = "ok"
     return simulated, keep, said
+
+
+def _find_stops(simulate: Callable[[RobotModel], Any], model: RobotModel) -> Iterator[str]:
+    """Effects of a model that fails, each with its joint, without which it can be simulated."""
+    effects = model.to_mapping()["effects"]
+    for k, entry in enumerate(effects):
+        try:
+            simulate(model.replace(effects=[*effects[:k], *effects[k + 1 :]]))
+        except (SimulationError, InputError):
+            continue
+        yield f"{entry['effect'].replace('_', ' ')} at {entry['joint']}"
+
+
+def _tell_stops(stops: Sequence[str]) -> str:
+    return f" Without {' or '.join(stops)} it runs." if stops else ""
 
 
 def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
