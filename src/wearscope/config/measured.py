@@ -6,7 +6,7 @@ from pydantic import Field, field_validator, model_validator
 
 from wearscope import plugins
 from wearscope.closed_loop.inference.policy import Policy
-from wearscope.config.base import Probability, Section
+from wearscope.config.sections import Probability, Section
 
 
 class CarryOverSettings(Section):

@@ -8,7 +8,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from wearscope import limits
-from wearscope.config.base import PATTERNS
+from wearscope.config.sections import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
-from wearscope.reporting.events import join_events, render_event_table
+from wearscope.reporting.closed_loop import join_events, render_event_table
 from wearscope.reporting.labels import (
     change_name,
     count_text,
