@@ -167,7 +167,8 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     """ROC of every cell in natural units, and what a reader chooses of it.
 
     Columns: the keys, ``change`` (of wear), ``p_f``, ``p_d``, ``threshold``, ``place``, ``case`` (factor and
-    its variation). The choices begin nearest to the conclusion's, in the middle where there is none.
+    its variation). The choices begin nearest to the conclusion's variation, in the middle where there is
+    none, and at the change of wear that tells detectors best apart.
     """
     rows, fault = study.detection, study.factor("f")
     assert rows is not None
@@ -185,12 +186,14 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
         case=[keys[pair] for pair in pairs],
     )
     changes = sorted(set(change))
-    asked, factor, change_first = None, next(iter(keys))[0], changes[len(changes) // 2]
-    if study.conclusions and study.conclusions[0].bounds:
-        asked = study.conclusions[0].bounds[0]
-        factor, change_first = asked.factor, _nearest(changes, study.conclusions[0].wear)
+    asked = study.conclusions[0].bounds if study.conclusions else []
+    factor = asked[0].factor if asked else next(iter(keys))[0]
     own = [size for name, size in keys if name == factor]
-    first = _nearest(own, asked.sigma) if asked else own[len(own) // 2]
+    first = _nearest(own, asked[0].sigma if asked else float(np.median(own)))
+    near = table["p_f"] == _nearest(sorted(set(table["p_f"])), study.config["scope"]["p_f"])
+    shown = table[near & (table["case"] == keys[factor, first])]
+    medians = shown.groupby(["change", "fda"])["p_d"].median().unstack("fda")
+    spread = medians.drop(columns=study.upper(), errors="ignore").var(axis=1, ddof=0).fillna(0.0)
     texts = [
         (key, f"{factor_name(one)}, σ = {quantity_text(size, one.unit)}")
         for one, size, key in ((study.factor(name), size, key) for (name, size), key in keys.items())
@@ -198,7 +201,7 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     sizes = [(one, quantity_text(one, fault.unit, 3)) for one in changes]
     return table, [
         Choice("case", "Varying", texts, keys[factor, first]),
-        Choice("change", "Change of wear", sizes, change_first, slides=True),
+        Choice("change", "Change of wear", sizes, spread.idxmax(), slides=True),
     ]
 
 
