@@ -3,7 +3,23 @@
 from pathlib import Path
 
 from wearscope import plugins
-from wearscope.effects.effect import Effect
+from wearscope.effects.effect import (
+    ALONE,
+    GRAVITY_SIGN,
+    OTHERS,
+    PAYLOAD,
+    POSTURES,
+    QUICK,
+    RANGE,
+    REVERSALS,
+    SESSIONS,
+    SLOW_MOTION,
+    SPEEDS,
+    TEMPERATURE,
+    TIME,
+    WEAR,
+    Effect,
+)
 from wearscope.effects.kinds import (
     ArmatureEffect,
     InertialEffect,
@@ -20,7 +36,21 @@ from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 
 __all__ = [
+    "ALONE",
+    "GRAVITY_SIGN",
+    "OTHERS",
+    "PAYLOAD",
+    "POSTURES",
+    "QUICK",
+    "RANGE",
+    "REVERSALS",
     "ROW",
+    "SESSIONS",
+    "SLOW_MOTION",
+    "SPEEDS",
+    "TEMPERATURE",
+    "TIME",
+    "WEAR",
     "ArmatureEffect",
     "Effect",
     "InertialEffect",
