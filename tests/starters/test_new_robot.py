@@ -15,7 +15,7 @@ from wearscope.cycles.base import check_reference, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.friction import friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel, load_model
-from wearscope.starters import limits
+from wearscope.starters import figures as limits
 from wearscope.starters.robot import Stated, copy_urdf, make_robot, write_model_text
 from wearscope.starters.writing import write_schema
 

@@ -30,8 +30,7 @@ from wearscope.effects.kinds import (
 )
 from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
-from wearscope.effects.plant import Plant, Term
-from wearscope.effects.rows import ROW, compile_row, decay
+from wearscope.effects.rows import ROW, Plant, Term, compile_row, decay
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 

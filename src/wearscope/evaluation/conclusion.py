@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.detection import detection_table, largest_passing
+from wearscope.evaluation.detection import Cells, detection_table, largest_passing
 from wearscope.evaluation.recommendation import (
     RESAMPLINGS,
     Recommendation,
@@ -16,7 +16,6 @@ from wearscope.evaluation.recommendation import (
     reach_table,
     recommend,
 )
-from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.scope import SURE, add_counts, count_scope
 from wearscope.surrogates.fitting import CELL
 

@@ -23,9 +23,8 @@ from wearscope.reporting.labels import count_text, read_detector_names, upper_fi
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.storage import tables
-from wearscope.storage.checksums import ANSWERS, SETTINGS
+from wearscope.storage.checksums import ANSWERS, MADE, SETTINGS, check_answer
 from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
-from wearscope.storage.shown import MADE, check_answer
 from wearscope.storage.verdicts import read_verdict
 
 #: Where a folder of results keeps its answers, those of earlier runs too.

@@ -15,8 +15,15 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
-from wearscope.starters.figures import Figures, assume, choose, round_figures, take_option
-from wearscope.starters.limits import START_TIME, fit_to_cycles
+from wearscope.starters.figures import (
+    START_TIME,
+    Figures,
+    assume,
+    choose,
+    fit_to_cycles,
+    round_figures,
+    take_option,
+)
 from wearscope.starters.writing import fill_template
 from wearscope.storage.files import copy_file
 

@@ -7,8 +7,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from wearscope import limits
 from wearscope.errors import InputError
+from wearscope.storage.checksums import check_shown
 from wearscope.storage.files import read_json
-from wearscope.storage.shown import check_shown
 
 
 def _refuse_text(value: Any) -> Any:
