@@ -108,6 +108,15 @@ def shown(folder):
     return [f"{made_in(folder)}/{LIST}"]
 
 
+# What a study answers is made here; the job that writes the page shows all of it together.
+ANSWER = f"{R}/parts/answer"
+
+
+def shown_together(*names):
+    """Files of a study that stay as they are until its page is written."""
+    return [update(f"{R}/{name}") for name in names]
+
+
 FILES = StudyFiles(STUDY, R, HOME, here)
 code, installed = FILES.code, FILES.installed
 robot_files, robot_effects = FILES.robot_files, FILES.robot_effects

@@ -71,9 +71,11 @@ class Answer:
 
 def find_answers(folder: Path) -> list[Answer]:
     """Answers below a folder, newest first: those of its pages, and those that were written over."""
-    pages = list(folder.rglob("report.html"))
-    shown = [page for page in pages if {MADE, "parts"}.isdisjoint(page.relative_to(folder).parts)]
-    found = [one for page in shown if (one := read_answer(folder, page))]
+    found = [
+        one
+        for page in folder.rglob("report.html")
+        if {MADE, "parts"}.isdisjoint(page.relative_to(folder).parts) and (one := read_answer(folder, page))
+    ]
     there = {one.digest for one in found}
     found += [one for one in _read_kept(folder / KEPT) if one.digest not in there]
     return sorted(found, key=lambda one: (one.when, one.name), reverse=True)
@@ -156,12 +158,12 @@ def render_history(folder: Path, found: list[Answer]) -> str:
     ]
     newest = next((one for one in found if one.path), found[0])
     note = "Newest first; a name leads to its page. One without was written over."
-    sections = [Section("Answers", render_table(rows, note), "answers")]
     followed = [rows for _, rows in trend_table(found).groupby("quantity") if rows["when"].nunique() > 1]
     shown = {f"trend-{k}": rows for k, rows in enumerate(followed)}
-    if shown:
-        charts = embed_chart(*(_chart(name, rows) for name, rows in shown.items()))
-        sections.append(Section("Trend", charts, "trend"))
+    sections = [
+        Section("Answers", render_table(rows, note), "answers"),
+        Section("Trend", embed_chart(*map(_chart, shown, shown.values())), "trend"),
+    ]
     action = Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path, newest.name)
     strip = replace(
         newest.strip, action=action if newest.path else "Run the newest one again: its page is gone."

@@ -4,8 +4,9 @@ The checksum of ``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.js
 `sha256sum` writes it.
 
 An answer is shown as a whole: the old one or the new one, whatever is killed in between. Jobs make it in a
-folder of their own. Then its files take the place of the old ones together: a folder `READY`, which appears
-in one step, holds them until each has its place. Whoever looks next finishes that.
+folder of their own, that of a study in its ``parts/answer``. Then its files take the place of the old ones
+together: a folder `READY`, which appears in one step, holds them until each has its place. Whoever looks next
+finishes that.
 """
 
 import fcntl
@@ -157,7 +158,7 @@ def show_answer(made: Path, folder: Path) -> None:
         if file.is_file() and file.name != LIST and not file.name.startswith("."):
             names.append(name.as_posix())
             (gathered / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(file, gathered / name)
+            shutil.copyfile(file, gathered / name)  # as new as it is shown
     write_new(gathered / LIST, json.dumps(names))
     gathered.replace(folder / READY)
     settle(folder)
@@ -178,8 +179,9 @@ def settle(folder: Path) -> None:
             if (ready / name).exists():
                 os.replace(ready / name, folder / name)
             set_aside(folder / name).unlink(missing_ok=True)
-        made = folder.parent / MADE / folder.name
-        record_checksums(folder.parent, [folder / name for name in names], made / LIST)
+        places, made = [folder, *folder.parents], _made_in(folder)
+        root = next((one for one in places if (one / CHECKSUMS).is_dir()), folder.parent)
+        record_checksums(root, [folder / name for name in names], made / LIST if made.is_dir() else "")
         os.replace(ready / LIST, folder / f".{LIST}")
     shutil.rmtree(ready, ignore_errors=True)
 
@@ -235,9 +237,16 @@ def _is_busy(path: Path) -> bool:
     return False
 
 
+def _made_in(folder: Path) -> Path:
+    """Where jobs make the answer of a folder next to others; a study makes its own within itself."""
+    return folder.parent / MADE / folder.name
+
+
 def _list_shown(folder: Path) -> list[str]:
     """Files of the answer that a folder shows."""
     kept = folder / f".{LIST}"
     if kept.is_file():
         return [str(name) for name in json.loads(kept.read_text(encoding="utf-8"))]
-    return [file.name for pattern in _EARLIER for file in folder.glob(pattern)]
+    return [
+        file.name for pattern in _EARLIER * _made_in(folder).is_dir() for file in folder.glob(pattern)
+    ]
