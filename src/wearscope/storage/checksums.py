@@ -247,6 +247,4 @@ def _list_shown(folder: Path) -> list[str]:
     kept = folder / f".{LIST}"
     if kept.is_file():
         return [str(name) for name in json.loads(kept.read_text(encoding="utf-8"))]
-    return [
-        file.name for pattern in _EARLIER * _made_in(folder).is_dir() for file in folder.glob(pattern)
-    ]
+    return [file.name for pattern in _EARLIER * _made_in(folder).is_dir() for file in folder.glob(pattern)]
