@@ -134,13 +134,7 @@ def tell_withheld(study: Study, one: Conclusion) -> str:
         for name in one.withheld
         if name not in one.upper and own.get(name, 0.0) > own.get(one.detector, np.inf)
     ]
-    if not better:
-        return ""
-    has, what = ("has", "its surrogate") if len(better) == 1 else ("have", "their surrogates")
-    return (
-        f"{study.join_detectors(better)} {has} a larger signal-to-noise ratio and "
-        f"{'is' if len(better) == 1 else 'are'} withheld: direct simulation contradicts {what}."
-    )
+    return say(_WORDS, "better", study.join_detectors(better), len(better)).striptags()
 
 
 def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:
