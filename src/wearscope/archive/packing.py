@@ -203,10 +203,10 @@ def restore_archive(
 
 
 def _is_as(path: Path, digest: str) -> bool:
-    """Whether a file that an archive names, which may be any of the machine's, has a digest."""
+    """Whether a file has a digest; an archive may name any file of the machine, also a pipe or a device."""
     try:
         check_plain(path, limits.TEXT_BYTES, "")
-        # What the system makes up as it is read, such as its log, has no size, and may have no end.
+        # Files that the kernel generates (in /proc) state no size, and reading them may not end.
         return (digest_file(path) if path.stat().st_size else hashlib.sha256().hexdigest()) == digest
     except (InputError, OSError):
         return False

@@ -129,7 +129,7 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
     if pages:
         try:
             show_result(pages[0], err=True)
-        except DamagedFile as error:  # which the run had no reason to make again
+        except DamagedFile as error:  # the run did not rewrite this file, since nothing it depends on changed
             say(error, err=True)
     free = shutil.disk_usage(".").free / 1e9
     say(f"Done in {format_seconds(seconds)}; {free:.0f} GB of the disk are free.", err=True)

@@ -91,7 +91,7 @@ _SPEEDS, _LEAST = 2.0 ** np.arange(-5.0, 3.1, 0.5), 0.01
 _FLOOR = 0.01
 #: The bristles' damping ratio with the joint's inertia; of a displacement that the model knows, Dahl's: none.
 _DAMPING = 0.05
-#: Resistance of a motor that carries no current, and its constant.
+#: Electrical resistance, so high that the motor carries no current, and its motor constant.
 _OPEN, _CONSTANT = 1e9, [1.0, 0.0]
 
 

@@ -75,7 +75,7 @@ def find_script_sources(script: str | Path, *plugins: str | Path) -> list[Path]:
     Plug-ins that are not there are left out: what loads them says which is missing.
     """
     files = [Path(script)]
-    for file in files:  # which grows by the scripts that a script imports
+    for file in files:  # the loop below appends scripts that a script imports
         imported = re.findall(r"^from (\w+) import", file.read_text(encoding="utf-8"), re.MULTILINE)
         shared = [file.with_name(f"{name}.py") for name in imported]
         files += [one for one in shared if one.is_file() and one not in files]

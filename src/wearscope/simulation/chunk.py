@@ -10,9 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from wearscope.cycles.base import Cycle, Reference
 from wearscope.errors import InputError, SelfTestError, SimulationError
@@ -23,6 +21,9 @@ from wearscope.simulation.sensors import seed_of
 from wearscope.simulation.study import KEPT, Numbers, make_conditions, simulate_points
 from wearscope.storage.files import DamagedFile
 from wearscope.supervision import ProcessLost, run_supervised
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Delay before each next move where no factor is about it [s], the middle of the paper's range.
 DEFAULT_DWELL = 0.05
@@ -302,7 +303,7 @@ def check_failures(
 
 def failure_table(
     failures: Mapping[tuple[str, int], str], points: Mapping[str, Sequence[int]], robot: str, cycle: str
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Failed points of a robot and test-cycle.
 
     Returns
@@ -311,6 +312,8 @@ def failure_table(
         `robot`, `cycle`, `set`, `point`, `reason`, one row a failed point in the order of set and point;
         empty where none failed.
     """
+    import pandas as pd  # jobs that simulate need none
+
     wanted = {(name, int(point)) for name in points for point in points[name]}
     rows = [(robot, cycle, *key, failures[key]) for key in sorted(wanted & failures.keys())]
     table = pd.DataFrame(rows, columns=["robot", "cycle", "set", "point", "reason"])

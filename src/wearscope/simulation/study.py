@@ -30,7 +30,7 @@ KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
 #: of memory, says nothing about the point and ends the job.
 PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
-#: Numbers of a robot that are others than its model states.
+#: Numbers of a robot's model that a run changes, each with its new value.
 Numbers = tuple[tuple[Number, float], ...]
 
 

@@ -136,7 +136,7 @@ ITERATIONS = 60
 #: Share of the likelihood's logarithm by which a step of the search must better it: with some hundreds of
 #: runs a thousandth, negligible against the two that an interval of a hyperparameter spans.
 ENOUGH = 1e-6
-#: Runs a hyperparameter from which half of them tell the starts of the search apart.
+#: With this many runs for each hyperparameter, half of the runs suffice to compare the starts of the search.
 FEWEST_HALVED = 8
 #: Covariances computed at a time where only the mean is asked: they stay in the processor's cache, and in
 #: memory that the process already has.
