@@ -29,7 +29,7 @@ def run_points(count: int) -> dict[str, float]:
     from wearscope.cycles.base import load_cycle
     from wearscope.robots.model import load_model
     from wearscope.simulation.chunk import Plan, simulate_chunk
-    from wearscope.simulation.packed import read_points
+    from wearscope.simulation.recording import read_points
 
     model = load_model("medium", ROOT / "config" / "robots")
     cycle, plan = load_cycle(str(CYCLE)), Plan("medium", "short_moves", KINDS, 0, 0.004)

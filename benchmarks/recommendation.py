@@ -1,6 +1,6 @@
 """Whether a study's recommendation changes with its seed.
 
-    python -m benchmarks.recommendation [CONFIG] [--seeds 10] [--keep FOLDER]
+    python -m benchmarks.recommendation [CONFIG] [--seeds 10] [--cores 2] [--keep FOLDER]
 
 CONFIG is a configuration; left out, the study of the tutorial (`wearscope new study`). Each seed draws other
 points, other noise and other audited runs. Printed: a line a seed and robot, with the detector, in how many
@@ -26,14 +26,18 @@ from wearscope.home import find_home
 from wearscope.starters.study import write_study
 
 
-def run_seed(settings: dict, seed: int, folder: Path) -> Iterator[tuple[Conclusion, int]]:
+def run_seed(settings: dict, seed: int, cores: int, folder: Path) -> Iterator[tuple[Conclusion, int]]:
     """Conclusions of a study with a seed, and the number of values that were audited."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "config.yaml").write_text(yaml.safe_dump(settings | {"seed": seed}), encoding="utf-8")
     home = find_home()
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(home / "Snakefile"), "--cores", "2"]
-    command += ["--profile", str(home / "profiles" / "default"), "--configfile", "config.yaml", "conclusion"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    command = [sys.executable, "-m", "snakemake", "conclusion", "--snakefile", str(home / "Snakefile")]
+    command += ["--profile", str(home / "profiles" / "default"), "--configfile", "config.yaml"]
+    ended = subprocess.run(
+        [*command, "--cores", str(cores)], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if ended.returncode:
+        sys.exit(f"{folder}: the study stopped:\n{ended.stderr[-2000:]}")
     results = folder / "results" / settings["study"]
     audited = results / "audit.parquet"
     values = len(pd.read_parquet(audited)) if audited.is_file() else 0
@@ -46,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("config", type=Path, nargs="?")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--keep", type=Path, help="where the studies' folders stay")
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as place:
@@ -55,7 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         settings = yaml.safe_load(given.config.read_text(encoding="utf-8"))
         found: dict[str, list[Conclusion]] = {}
         for seed in range(1, given.seeds + 1):
-            for one, values in run_seed(settings, seed, (given.keep or Path(place)) / f"seed-{seed}"):
+            folder = (given.keep or Path(place)) / f"seed-{seed}"
+            for one, values in run_seed(settings, seed, given.cores, folder):
                 found.setdefault(one.robot or "all", []).append(one)
                 print(
                     f"seed {seed}, {one.robot or 'all'}: {one.detector or 'none'}, in {one.agree} of "

@@ -15,9 +15,9 @@ import pandas as pd
 
 from wearscope.cycles.base import Reference, required_torque
 from wearscope.cycles.planned import PlannedMotion
+from wearscope.export.comparison import HORIZONS, replay
 from wearscope.export.formats import make_spec
 from wearscope.export.holdings import take_holdings, without_motors
-from wearscope.export.replay import HORIZONS, replay
 from wearscope.robots.model import RobotModel
 from wearscope.simulation.forward import trace_forward
 

@@ -6,19 +6,8 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import yaml
+from duo import JOINTS, URDF, draw_motion
 
-URDF = """<robot name="duo">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
-    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
-    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
-</robot>"""
-JOINTS = ["a", "b"]
 INERTIA, COULOMB, VISCOUS = np.array([1.5, 0.6]), np.array([6.0, 3.0]), np.array([4.0, 2.0])
 NOISE = np.array([0.6, 0.3])
 HEAT = 0.012
@@ -27,18 +16,6 @@ MEAN = 35.0
 RATE, DURATION = 100.0, 9.0
 
 Day = dict
-
-
-def draw_motion(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
-    for j in range(2):
-        for k in range(1, 7):
-            w = 2 * np.pi * k / DURATION
-            size, phase = rng.normal(0.0, 0.5 / k), rng.uniform(0, 2 * np.pi)
-            q[:, j] += size * np.sin(w * t + phase)
-            v[:, j] += size * w * np.cos(w * t + phase)
-            a[:, j] -= size * w**2 * np.sin(w * t + phase)
-    return q, v, a
 
 
 def simulate(day: Day, rng: np.random.Generator) -> dict[str, np.ndarray]:

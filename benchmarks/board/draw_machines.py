@@ -7,7 +7,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from benchmarks.board.published import ARMS
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 from wearscope.errors import InputError
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.board.disturbances import jitter_times, make_noise
 from benchmarks.board.physics import Behaviour, Setting
 from benchmarks.board.recipe import Recipe, make_stream
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 from wearscope.demonstration.twin import quantise
 from wearscope.storage.tables import write_table, write_text
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 from wearscope.errors import InputError
 
 Array = NDArray[np.float64]

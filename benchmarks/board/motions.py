@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from wearscope.demonstration import motions as demonstration
-from wearscope.demonstration.machine import Machine
-from wearscope.demonstration.motions import Motion, add_move, move_time
+from wearscope.demonstration.motions import Machine, Motion, add_move, move_time
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.board.terms import Array, Builder, Signals, Term
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 
 
 def _no_parameters(amplitude: float) -> dict[str, tuple[float, str]]:

@@ -17,7 +17,7 @@ from benchmarks.board.draw_machines import FAMILIES, draw_machine
 from benchmarks.board.outside import KINDS as OUTSIDE_KINDS
 from benchmarks.board.outside import TWO_JOINTS
 from benchmarks.board.recipe import Planted, Recipe, RunPlan, make_stream
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError

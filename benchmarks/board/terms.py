@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from wearscope.demonstration.machine import Machine
+from wearscope.demonstration.motions import Machine
 
 Array = NDArray[np.float64]
 

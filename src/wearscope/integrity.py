@@ -15,9 +15,8 @@ from pathlib import Path
 
 from wearscope.home import find_home
 from wearscope.processes import end_process
-from wearscope.simulation.failures import read_markers
-from wearscope.simulation.packed import point_path
-from wearscope.simulation.recording import read_fingerprint
+from wearscope.simulation.chunk import read_markers
+from wearscope.simulation.recording import point_path, read_fingerprint
 from wearscope.storage.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
 from wearscope.storage.files import DamagedFile, clear_stale, read_json
 

@@ -117,7 +117,7 @@ def call_supervised(function: Callable[[], T], limit: float, what: str) -> T:
 
 def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -> None:
     end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # which ends this process as any signal does
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # an interrupt ends this process without a traceback
     try:
         for item in work():
             sender.send(("item", item))

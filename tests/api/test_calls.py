@@ -11,6 +11,7 @@ import wearscope
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
+from wearscope.notebook.calls import take_recordings
 from wearscope.notebook.model_errors import ModelErrors
 from wearscope.notebook.results import (
     DetectionResult,
@@ -18,7 +19,6 @@ from wearscope.notebook.results import (
     EvaluationResult,
     TrackingResult,
 )
-from wearscope.notebook.taken import take_recordings
 from wearscope.storage.tables import read_table
 
 URDF = wearscope.example_dataset() / "robot.urdf"

@@ -14,6 +14,7 @@ import pytest
 import wearscope
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.errors import EXTRAS, InputError, escape_text, need
+from wearscope.reporting.style import figure_bytes, new_figure
 from wearscope.storage import tables
 
 
@@ -107,8 +108,13 @@ def test_factors_are_those_of_the_design(place):
 
 
 @pytest.mark.parametrize("name", ["scope", "sensitivity", "snr"])
-def test_every_figure_is_drawn(place, name):
-    assert wearscope.Study(place).plot(name).axes
+def test_every_figure_is_drawn_and_takes_the_place_of_axes(place, name):
+    alone = wearscope.Study(place).plot(name)
+    figure = new_figure(10, 8)
+    upper, lower = figure.subplots(2, 1)
+    part = wearscope.Study(place).plot(name, ax=lower)
+    assert len(part.axes) == len(alone.axes) > 0 and figure_bytes(figure, "png")
+    assert upper in figure.axes and lower not in figure.axes and set(part.axes) < set(figure.axes)
 
 
 def test_snr_is_ranked_by_what_is_asked(place):
@@ -128,6 +134,7 @@ def test_snr_is_ranked_by_what_is_asked(place):
         (lambda study: study.plot("nothing"), "no figure 'nothing'.*snr"),
         (lambda study: study.plot("snr", by=("colour",)), "colour is no grouping"),
         (lambda study: study.plot("scope", factor="w9"), "no 'w9'.*w3"),
+        (lambda study: study.plot("snr", ax=new_figure(1, 1).add_axes((0, 0, 1, 1))), "no place in a grid"),
         (lambda study: wearscope.Study(study.folder.parent), "holds no results"),
     ],
 )

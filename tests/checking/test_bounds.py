@@ -22,7 +22,6 @@ from click.testing import CliRunner
 
 from wearscope import example_dataset, integrity, limits
 from wearscope.checking.dataset import check_dataset
-from wearscope.checking.findings import Findings
 from wearscope.checking.robot import check_model
 from wearscope.checking.study import list_excesses
 from wearscope.cli import main, stages, workflow
@@ -32,7 +31,7 @@ from wearscope.cli.workflow import call_snakemake, wait_turn
 from wearscope.closed_loop.intake.dataset_fields import list_breaches, load_fields
 from wearscope.closed_loop.intake.table_files import read_columns
 from wearscope.config import load_config
-from wearscope.errors import InputError
+from wearscope.errors import Findings, InputError
 from wearscope.processes import bound_memory
 from wearscope.reporting.style import figure_bytes, new_figure
 from wearscope.starters.recordings import read_recording

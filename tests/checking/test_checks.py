@@ -8,12 +8,11 @@ import pytest
 import yaml
 
 from wearscope.checking.dataset import check_dataset
-from wearscope.checking.findings import Findings
 from wearscope.checking.own_code import check_file, make_batch
 from wearscope.checking.robot import check_model, check_robot_folder
 from wearscope.checking.study import check_study
 from wearscope.cli.check import inspect
-from wearscope.errors import InputError
+from wearscope.errors import Findings, InputError
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
 from wearscope.starters.conversion import convert_recordings

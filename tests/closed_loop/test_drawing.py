@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.drawing import draw_models
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.correction import estimate_torque_noise
 from wearscope.closed_loop.model.estimation import draw_parameters, estimate, estimate_jointly
-from wearscope.closed_loop.run import close_loop
+from wearscope.closed_loop.run import close_loop, draw_models
 from wearscope.robots.carry_over import find_lacking
 from wearscope.robots.model import load_model
 

@@ -6,22 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from duo import JOINTS, URDF
 
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import make_model
 
-URDF = """<robot name="duo">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
-    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
-    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
-</robot>"""
-JOINTS = ["a", "b"]
 INERTIA = [1.5, 0.6]
 NOISE = np.array([0.4, 0.2])
 RATE, WARM = 200.0, 40.0

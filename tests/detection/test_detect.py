@@ -33,7 +33,7 @@ def worn(tmp_path_factory, duo, write_to):
         tmp_path_factory.mktemp("worn") / "duo",
         [SAME, (1, 20.0, 8.0, 0.0), (1, 40.0, 8.0, 0.0), (2, 0.0, 8.0, 0.0), (1, 0.0, 6.0, 0.0)],
     )
-    return detect(folder, duo())
+    return detect(folder, duo(), p_f=0.1, runs=19, worn_runs=15)
 
 
 def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
@@ -46,7 +46,7 @@ def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
         assert ((rows["wear_low"] - 1 <= wear) & (wear <= rows["wear_high"] + 1)).all()
     healthy = judged[judged["run"] == "runs/r5.parquet"]
     assert set(healthy["verdict"]) == {"no alarm"}
-    assert (healthy["p_value"] > 0.05).all()
+    assert (healthy["p_value"] > 0.1).all()
 
 
 def test_temperatures_are_told_from_those_of_the_nominal_recordings(worn):
@@ -65,7 +65,7 @@ def test_other_motions_are_refused_in_one_sentence_each(worn):
 def test_threshold_has_its_unit_its_rate_and_what_it_detects(worn):
     cells = worn.thresholds.set_index(["joint", "fda"])
     assert cells.loc[("a", "C"), "unit"] == "N m" and cells.loc[("a", "D"), "unit"] == "1"
-    assert (cells["p_f_low"] < 0.05).all() and (cells["p_f_high"] > 0.05).all()
+    assert (cells["p_f_low"] < 0.1).all() and (cells["p_f_high"] > 0.1).all()
     assert (cells["wear_detected"].between(0.0, 30.0)).all()
     assert (cells["nominal_runs"] == 5).all()
     assert worn.summary["motions"]["motion 1"]["factors_that_move_nothing"] == ["payload_mass_error"]
@@ -97,7 +97,7 @@ def test_on_the_common_axis_the_threshold_is_one_and_the_simulated_median_zero(w
 def test_a_machine_that_scatters_more_than_the_model_gets_wider_thresholds(machine, duo):
     """Sessions without wear give no alarm, and large wear still does."""
     folder = machine([SAME, SAME, (1, 40.0, 8.0, 0.0)], nominal=6, disturbance=0.1)
-    found = detect(folder, duo(), [C], worn_runs=30)
+    found = detect(folder, duo(), [C], runs=19, worn_runs=3)
     cells = found.thresholds
     assert (cells["scatter_ratio"] > 1.2).all() and (cells["widening"] > cells["scatter_ratio"]).all()
     judged = found.detection[found.detection["kind"] == "judged"].groupby("run")["verdict"].agg(set)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wearscope.detection.motion import cut_rests, tell_difference
+from wearscope.detection.recordings import cut_rests, tell_difference
 from wearscope.detectors.base import Batch
 
 RATE = 100.0

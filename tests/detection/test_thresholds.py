@@ -74,7 +74,7 @@ def test_wear_is_read_back_with_its_interval():
 def test_the_false_alarm_rate_holds_on_a_machine_that_scatters_more_than_the_simulator(times, sessions):
     rng = np.random.default_rng(5)
     alarms, plain = [], []
-    for _ in range(1500):
+    for _ in range(300):
         simulated = rng.standard_normal(299)
         nominal, later = times * rng.standard_normal(sessions), times * rng.standard_normal(20)
         scatter = compare_scatter(measure_distances(nominal, simulated), sessions, 0.02)

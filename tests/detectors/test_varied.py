@@ -7,8 +7,7 @@ import pytest
 from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import make_design
 from wearscope.detectors.base import Batch
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities
-from wearscope.detectors.varied import set_option, vary_options
+from wearscope.detectors.run import DetectorSpec, compute_test_quantities, set_option, vary_options
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 

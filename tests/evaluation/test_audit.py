@@ -116,9 +116,10 @@ def test_failed_points_are_counted_and_never_inside(surrogates, points):
 
 
 def test_verdicts_of_four_runs(surrogates, points):
+    surrogates = surrogates[surrogates["robot"] == "medium"]
     audit = audit_table(directly(surrogates, points, noise=0.0), surrogates, points)
     verdicts = audit_verdicts(audit)
-    assert len(verdicts) == 36 * 2
+    assert len(verdicts) == 2 * len(audit[["cycle", "axis", "fda"]].drop_duplicates())
     assert verdicts["agrees"].all()
     fallen = audit.copy()
     fallen["y_direct"] *= -1
@@ -130,15 +131,15 @@ def test_verdicts_of_four_runs(surrogates, points):
 
 
 def test_four_runs_decide_as_the_exact_scope_where_y_is_monotone(surrogates):
-    straight = surrogates.copy()
+    straight = surrogates[surrogates["robot"] == "medium"].copy()
     straight.loc[straight["term"].str.contains(r"[:^]"), "theta"] = 0.0
-    for delta in (0.3, 0.8, 2.0):
+    for delta in (0.3, 2.0):
         edge = {"w3": (delta, 0.5)}
         points = choose_audit_points(PAPER_FACTORS, edge, points=9)
         verdicts = audit_verdicts(audit_table(directly(straight, points, 0.0), straight, points))
         scope = scope_table(straight, ["w3"], methods=["exact"], deltas=[delta], sigmas=[0.5])
         both = verdicts.merge(scope, on=["robot", "cycle", "axis", "fda"])
-        assert len(both) == 36
+        assert len(both) == len(verdicts) > 9
         assert (both["passes_surrogate"] == both["passes"]).all()
 
 
@@ -208,13 +209,14 @@ def test_a_right_surrogate_is_withheld_at_most_once_in_a_hundred_and_nothing_is_
     """Values of one surrogate go together: runs drawn from it are its own null."""
     rng = np.random.default_rng(5)
     withheld = 0
+
+    def draw_outside(cells):
+        common = rng.standard_normal((cells, 1))
+        return np.abs(np.sqrt(0.3) * common + np.sqrt(0.7) * rng.standard_normal((cells, 9))) > 1.96
+
+    variance = draw_outside(20_000).sum(axis=1).var() / 9
     for _ in range(400):
-        common = rng.standard_normal((3, 1))
-        outside = np.abs(np.sqrt(0.3) * common + np.sqrt(0.7) * rng.standard_normal((3, 9))) > 1.96
-        counts = np.abs(
-            np.sqrt(0.3) * rng.standard_normal((2000, 1)) + np.sqrt(0.7) * rng.standard_normal((2000, 9))
-        )
-        variance = (counts > 1.96).sum(axis=1).var() / 9
+        outside = draw_outside(3)
         audit = make_audit(inside=~outside.ravel(), variance=variance)
         withheld += weigh_evidence(audit)["answer"].item() == "withheld"
     assert withheld <= 4

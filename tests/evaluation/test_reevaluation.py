@@ -8,12 +8,15 @@ from scipy.special import ndtri
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.filling import checking_design, filling_design
 from wearscope.designs.kinds import make_design
-from wearscope.evaluation.certain_changes import Reevaluation, best_detectors, judge_detector
+from wearscope.evaluation.detection import largest_passing
 from wearscope.evaluation.reevaluation import (
+    Reevaluation,
     _probabilities,
     _probability,
+    best_detectors,
     compare_ranking,
     compare_sides,
+    judge_detector,
     withheld_cells,
 )
 from wearscope.evaluation.sides import (
@@ -24,7 +27,6 @@ from wearscope.evaluation.sides import (
     rank_best,
     share_surrogates,
 )
-from wearscope.evaluation.tolerance import largest_passing
 from wearscope.reporting.reevaluation_page import count_truth, tell_headline, tell_withheld
 from wearscope.surrogates.chosen import choose_surrogates
 

@@ -23,9 +23,8 @@ from wearscope.evaluation.sampled_scope import (
     tabulated_scope,
     weighted_threshold,
 )
-from wearscope.evaluation.sampled_snr import draw_snr, quadrature_snr, sampled_snr_table
 from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
-from wearscope.evaluation.snr import answer_rows, exact_snr
+from wearscope.evaluation.snr import answer_rows, draw_snr, exact_snr, quadrature_snr, sampled_snr_table
 from wearscope.surrogates.fitting import fit_surrogate
 from wearscope.surrogates.selection import ChosenSurrogate, choose_surrogate
 

@@ -2,6 +2,7 @@ import base64
 import gzip
 import json
 import re
+from dataclasses import replace
 
 import altair as alt
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits
-from wearscope.reporting.charts.questions import chart_roc, chart_scope
+from wearscope.reporting.charts.questions import chart_roc, chart_scope, chart_snr_cells
 from wearscope.reporting.charts.study import (
     ALL_ROBOTS,
     detection_cases,
@@ -106,15 +107,32 @@ def test_every_source_of_a_chart_is_a_table_of_the_page(asked):
     assert tables == {s["table"] for text in definitions for s in json.loads(text)["sources"].values()}
 
 
-def test_the_first_choice_of_the_roc_is_the_conclusion_s(asked):
-    _, choices = detection_cases(asked)
+def test_the_roc_begins_at_the_conclusion_s_variation_where_detectors_differ_most(asked):
+    table, choices = detection_cases(asked)
     case, change = choices
     bound = asked.conclusions[0].bounds[0]
     assert case.default.startswith(f"{bound.factor}:")
-    assert abs(change.default - asked.conclusions[0].wear) == min(
-        abs(value - asked.conclusions[0].wear) for value, _ in change.options
-    )
+    at = table[(table["case"] == case.default) & np.isclose(table["p_f"], asked.config["scope"]["p_f"])]
+    spread = {}
+    for value, _ in change.options:
+        medians = at[at["change"] == value].groupby("fda")["p_d"].median()
+        spread[value] = np.ptp(medians.drop(asked.upper(), errors="ignore"))
+    assert spread[change.default] == max(spread.values()) > 0
     assert json.dumps(chart_roc(asked, choices).definition())
+
+
+def test_an_upper_bound_does_not_choose_where_the_roc_begins(asked):
+    rows = asked.detection
+    bound = rows["fda"].eq("A") & rows["delta"].eq(rows["delta"].max())
+    bent = replace(asked, detection=rows.assign(p_d=rows["p_d"].where(~bound, -100.0)))
+    told = replace(bent, conclusions=[replace(asked.conclusions[0], upper=["A"])])
+    begins = [detection_cases(one)[1][1].default for one in (bent, told)]
+    assert begins[0] == max(detection_cases(bent)[0]["change"]) != begins[1]
+
+
+def test_narrow_columns_have_letters_and_their_legend_few_digits(asked):
+    spec = json.dumps(chart_snr_cells(asked).definition()["spec"])
+    assert "width < 225 ? datum.label : split(" in spec and "'.3~g'" in spec
 
 
 def test_terms_and_quantities_are_words(study):

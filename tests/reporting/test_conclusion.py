@@ -110,6 +110,21 @@ def test_a_better_detector_that_is_withheld_is_told_on_top(told, found):
     )
     fine = top(ranked, replace(found, withheld=["B"]))
     assert fine.kind == "good" and "withheld" not in fine.caveat
+    bound = top(ranked, replace(found, withheld=["A"], upper=["A"]))
+    assert bound.kind == "good" and "withheld" not in bound.caveat
+
+
+def test_what_holds_for_every_robot_is_said_once(told, found):
+    """Resamplings are told by robot, rates again only where they are not those of the first."""
+    large, medium = replace(found, robot="large"), replace(found, robot="medium", detector="A", agree=13)
+    sure = top(told, found, large, medium).sure
+    assert sure.count("The same detector comes out in") == 2 and "On medium: The same" in sure
+    assert sure.count("At most 1 % false alarms") == 1
+    other = top(told, found, large, replace(medium, cells_sure=5)).sure
+    assert other.endswith(
+        "in 5 of 8 combinations of robot, test-cycle and axis, with 95 % confidence in the surrogates."
+    )
+    assert "On medium: At most 1 % false alarms" in other
 
 
 def test_nothing_found_and_nothing_recommended_are_answers(told, found):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.evaluation.certain_changes import Reevaluation
+from wearscope.evaluation.reevaluation import Reevaluation
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.reevaluation_page import (
     count_truth,

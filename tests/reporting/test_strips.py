@@ -179,7 +179,7 @@ def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
     assert strip.caveat.endswith("The friction of a may have changed.")
 
 
-SCOPE = " Judged at 1 of 3 joints, for 12 s. 1 more recording refused."
+SCOPE = " Judged: 1 of 3 joints, 12 s recorded. 1 more recording refused."
 
 
 @pytest.mark.parametrize(
@@ -275,7 +275,7 @@ def test_a_folder_s_answers_are_listed_newest_first_with_their_trend(tmp_path):
     assert trend_table(found)["value"].to_list() == [2.5, 4.0]
     page = render_history(tmp_path, found)
     assert page.index("closed_loop/june") < page.index("closed_loop/may")
-    assert 'href="closed_loop/may/report.html"' in page and 'id="trend-chart"' in page
+    assert 'href="closed_loop/may/report.html"' in page and 'id="trend-0-chart"' in page
     assert "&lt;a" not in page
 
 

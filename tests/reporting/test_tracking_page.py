@@ -190,6 +190,10 @@ def test_time_until_the_limit_is_told_where_friction_surely_rises(tmp_path):
     told = "a reaches +30 % friction in 6 (4 to 9) sessions at this pace. "
     page = write(tmp_path, OUTCOME)
     assert "sessions until +30 %" in page and "6 (4 to 9)" in page
+    assert read_strip(tmp_path / "report.html").action.startswith(told) and "assumed" not in page
+    page = write(tmp_path, OUTCOME | {"friction_limit_assumed": True})
+    assert "sessions until +30 % friction (an assumed limit)" in page
+    told = "a reaches +30 % friction (an assumed limit) in 6 (4 to 9) sessions"
     assert read_strip(tmp_path / "report.html").action.startswith(told)
     for left, said in (([None, None, None], "no sure rise"), ([-1.5, -2.0, -1.0], "reached")):
         trend = OUTCOME["trends"][0] | {"sessions_left": left}

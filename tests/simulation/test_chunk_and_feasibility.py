@@ -15,8 +15,7 @@ from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation import chunk, feasibility, study
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_start
-from wearscope.simulation.packed import point_path, read_points
-from wearscope.simulation.recording import read_fingerprint, read_recording
+from wearscope.simulation.recording import point_path, read_fingerprint, read_points, read_recording
 from wearscope.storage import tables
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wearscope.errors import InputError
-from wearscope.simulation.failures import check_failures, failure_table, read_markers
+from wearscope.simulation.chunk import check_failures, failure_table, read_markers
 
 POINTS = {"identification": [1, 2, 3, 4], "validation": [1, 2, 3, 4], "nominal": [1]}
 WHERE = "robot medium, cycle sweep"

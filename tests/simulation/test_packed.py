@@ -6,8 +6,15 @@ import tarfile
 import numpy as np
 import pytest
 
-from wearscope.simulation.packed import PackedRecordings, pack_recordings, point_path, remove_recordings
-from wearscope.simulation.recording import Recording, read_recording, write_recording
+from wearscope.simulation.recording import (
+    PackedRecordings,
+    Recording,
+    pack_recordings,
+    point_path,
+    read_recording,
+    remove_recordings,
+    write_recording,
+)
 from wearscope.storage.files import DamagedFile
 
 

@@ -9,8 +9,7 @@ from scipy.integrate import solve_ivp
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import load_model, make_model
 from wearscope.simulation import forward, run
-from wearscope.simulation.controller import make_feedforward
-from wearscope.simulation.plant import build_plant
+from wearscope.simulation.plant import build_plant, make_feedforward
 from wearscope.simulation.study import Conditions, Simulator
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

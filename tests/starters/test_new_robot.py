@@ -13,11 +13,10 @@ from wearscope.checking.robot import check_robot_folder
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields
 from wearscope.cycles.base import check_reference, list_cycles, load_cycle
 from wearscope.errors import InputError
-from wearscope.robots.friction_law import friction_from_efficiency, scale_friction_law
+from wearscope.robots.friction import friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel, load_model
-from wearscope.starters import limits
-from wearscope.starters.model_text import write_model_text
-from wearscope.starters.robot import Stated, copy_urdf, make_robot
+from wearscope.starters import figures as limits
+from wearscope.starters.robot import Stated, copy_urdf, make_robot, write_model_text
 from wearscope.starters.writing import write_schema
 
 ROOT = Path(__file__).parents[2]

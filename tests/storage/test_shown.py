@@ -6,10 +6,9 @@ import shutil
 import pytest
 
 from wearscope.cli.workflow import wait_turn
-from wearscope.storage import shown
-from wearscope.storage.checksums import CHECKSUMS
+from wearscope.storage import checksums as shown
+from wearscope.storage.checksums import CHECKSUMS, LIST, MADE, check_answer, forget_lost, show_answer
 from wearscope.storage.files import DamagedFile
-from wearscope.storage.shown import LIST, MADE, check_answer, forget_lost, show_answer
 
 OLD = {"verdict.json": "1", "report.html": "<old>", "residual.parquet": "r", "drawn/after-01.yaml": "a"}
 NEW = {"verdict.json": "2", "report.html": "<new>", "next_measurement_1.csv": "n", "drawn/after-01.yaml": "b"}
@@ -19,9 +18,10 @@ class Killed(BaseException):
     """The end of a process."""
 
 
-def make(place, answer):
-    """Where jobs have made an answer, and where it is shown."""
-    made, folder = place / "loops" / MADE / "arm", place / "loops" / "arm"
+def make(place, answer, study=False):
+    """Where jobs have made an answer, and where it is shown; a study makes its own within itself."""
+    folder = place / "loops" / "arm"
+    made = folder / "parts" / "answer" if study else place / "loops" / MADE / "arm"
     shutil.rmtree(made, ignore_errors=True)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in answer.items():
@@ -34,7 +34,8 @@ def read(folder):
     return {
         file.relative_to(folder).as_posix(): file.read_text()
         for file in folder.rglob("*")
-        if file.is_file() and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+        if file.is_file()
+        and not any(part == "parts" or part.startswith(".") for part in file.relative_to(folder).parts)
     }
 
 
@@ -47,10 +48,11 @@ def test_a_new_answer_leaves_nothing_of_the_old_one(tmp_path):
     assert (made / LIST).is_file() and not list(folder.glob(".ready")) and not list(folder.glob(".gathered"))
 
 
+@pytest.mark.parametrize("study", [False, True])
 @pytest.mark.parametrize("step", range(1, 60))
-def test_killed_at_any_step_it_is_whole_once_somebody_looks(tmp_path, monkeypatch, step):
-    show_answer(*make(tmp_path, OLD))
-    made, folder = make(tmp_path, NEW)
+def test_killed_at_any_step_it_is_whole_once_somebody_looks(tmp_path, monkeypatch, step, study):
+    show_answer(*make(tmp_path, OLD, study))
+    made, folder = make(tmp_path, NEW, study)
     left = [step]
 
     def kill_at(call):
@@ -63,7 +65,7 @@ def test_killed_at_any_step_it_is_whole_once_somebody_looks(tmp_path, monkeypatc
         return called
 
     with monkeypatch.context() as patch:
-        for module, name in ((os, "replace"), (os, "unlink"), (os, "mkdir"), (shutil, "copy2")):
+        for module, name in ((os, "replace"), (os, "unlink"), (os, "mkdir"), (shutil, "copyfile")):
             patch.setattr(module, name, kill_at(getattr(module, name)))
         try:
             show_answer(made, folder)
@@ -76,6 +78,18 @@ def test_killed_at_any_step_it_is_whole_once_somebody_looks(tmp_path, monkeypatc
     assert read(folder) in (OLD, NEW) and (read(folder) == NEW or not begun)
     show_answer(made, folder)
     assert read(folder) == NEW
+
+
+def test_a_study_keeps_its_tables_and_checksums_next_to_its_answer(tmp_path):
+    made, folder = make(tmp_path, {"conclusion.json": "1", "report.html": "<new>"}, study=True)
+    (folder / CHECKSUMS).mkdir()
+    for name in ("snr.parquet", "report.html"):
+        (folder / name).write_text("old")
+    show_answer(made, folder)
+    assert read(folder) == {"conclusion.json": "1", "report.html": "<new>", "snr.parquet": "old"}
+    kept = (folder / CHECKSUMS / "conclusion.json.sha256").read_text()
+    assert kept.endswith("  conclusion.json\n") and not (folder.parent / CHECKSUMS).exists()
+    check_answer(folder / "report.html")
 
 
 def test_what_is_lost_or_changed_afterwards_is_told_and_made_again(tmp_path):

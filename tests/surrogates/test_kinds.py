@@ -11,8 +11,7 @@ from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.surrogates import selection
 from wearscope.surrogates.kinds import gaussian_process, linear
-from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, fit_gaussian_process
-from wearscope.surrogates.kinds.likelihood import Likelihood
+from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, Likelihood, fit_gaussian_process
 from wearscope.surrogates.kinds.linear import (
     fit_polynomial_chaos,
     fit_quadratic,

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from session_machine import write_machine
 
-from wearscope.tracking.bodies import point_parameters, weigh_point
 from wearscope.tracking.evidence import (
     PRIOR_FRICTION,
     Evidence,
@@ -14,9 +13,9 @@ from wearscope.tracking.evidence import (
     prior_scatter,
 )
 from wearscope.tracking.rows import make_rows, scatter_columns
+from wearscope.tracking.session import point_parameters, weigh_point
 from wearscope.tracking.session_names import read_sessions
-from wearscope.tracking.session_runs import prepare_runs
-from wearscope.tracking.sessions import read_session
+from wearscope.tracking.session_runs import prepare_runs, read_session
 from wearscope.tracking.structure import Belief
 
 

@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 import wearscope
-from wearscope.simulation.packed import point_path
-from wearscope.simulation.recording import read_recording
+from wearscope.simulation.recording import point_path, read_recording
 from wearscope.storage import tables
 
 ROOT = Path(__file__).parents[2]

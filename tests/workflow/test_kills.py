@@ -173,11 +173,36 @@ def diagnose(folder, *options):
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
-def read_answer(folder):
+DIAGNOSIS = ("verdict.json", "report.html", "residual.parquet", "model_after.yaml")
+STUDY = ("conclusion.json", "report.html", "thresholds.parquet", "rankings.parquet", "findings.parquet")
+
+
+def read_answer(folder, place="closed_loop/example-arm", names=DIAGNOSIS):
     """Content of what an answer consists of, by file."""
-    place = folder / "results" / "closed_loop" / "example-arm"
-    names = ("verdict.json", "report.html", "residual.parquet", "model_after.yaml")
+    place = folder / "results" / place
     return {name: (place / name).read_bytes() for name in names if (place / name).is_file()}
+
+
+@pytest.mark.slow
+def test_a_study_that_is_killed_leaves_its_old_answer(undisturbed, tmp_path):
+    """Where a new one was made, but its page was not; the same command shows all of the new one."""
+    folder = shutil.copytree(undisturbed[0], tmp_path / "study", symlinks=True)
+    old, config = read_answer(folder, "tiny", STUDY), folder / clones.TINY / "config.yaml"
+    config.write_text(config.read_text().replace("scope: {", "scope: {p_f: 0.02, "))
+    made = folder / "results" / "tiny" / "parts" / "answer" / "conclusion.json"
+    before = made.read_bytes()
+    with open(folder / "said.txt", "w") as said:
+        job = subprocess.Popen(clones.command(), cwd=folder, stdout=said, stderr=said, start_new_session=True)
+        while job.poll() is None and not (made.is_file() and made.read_bytes() not in (before, b"")):
+            time.sleep(0.02)
+        os.killpg(job.pid, signal.SIGKILL)
+        job.wait()
+    assert job.returncode < 0 and made.read_bytes() != before
+    assert read_answer(folder, "tiny", STUDY) == old and len(old) == len(STUDY)
+    clones.run_well(folder)
+    new = read_answer(folder, "tiny", STUDY)
+    assert new == read_answer(folder, "tiny/parts/answer", STUDY)
+    assert all(new[name] != old[name] for name in ("conclusion.json", "report.html"))
 
 
 @pytest.fixture(scope="module")

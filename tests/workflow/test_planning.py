@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from wearscope.config import load_config
+from wearscope.jobs.named_files import find_script_sources
 from wearscope.jobs.planning import Plan, needs
-from wearscope.jobs.sources import find_script_sources
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset
 from wearscope.storage.tables import write_table
 

@@ -32,6 +32,7 @@ def test_files_are_those_of_the_contract(tracked):
     told = json.loads((folder / "tracking.json").read_text())
     assert told["dataset"] == "duo" and told["reference"] == ["s0", "s1", "s2"]
     assert told["false_alarm_rate"] == 0.01
+    assert (told["friction_limit"], told["friction_limit_assumed"]) == (0.3, True)
     assert [one["session"] for one in told["sessions"]] == ["s3", "s4"]
     quiet, worn = told["sessions"]
     assert quiet["changes"] == [] and quiet["cannot_tell"] == []

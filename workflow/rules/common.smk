@@ -32,11 +32,11 @@ from wearscope.cli.workflow import wait_turn
 from wearscope.config import load_config
 from wearscope.config.study import label
 from wearscope.jobs.planning import Plan, needs
-from wearscope.jobs.sources import ROOT as PACKAGE
-from wearscope.jobs.sources import plugin_file
+from wearscope.jobs.named_files import ROOT as PACKAGE
+from wearscope.jobs.named_files import plugin_file
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
-from wearscope.storage.shown import LIST, MADE, forget_lost
+from wearscope.storage.checksums import LIST, MADE, forget_lost
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.
 STUDY_FILE = "config/config.yaml" if os.path.isfile("config/config.yaml") else f"{HOME}/config/config.yaml"
@@ -106,6 +106,15 @@ def shown(folder):
     if workflow.is_main_process:
         forget_lost(Path(made_in(folder)), Path(folder))
     return [f"{made_in(folder)}/{LIST}"]
+
+
+# What a study answers is made here; the job that writes the page shows all of it together.
+ANSWER = f"{R}/parts/answer"
+
+
+def shown_together(*names):
+    """Files of a study that stay as they are until its page is written."""
+    return [update(f"{R}/{name}") for name in names]
 
 
 FILES = StudyFiles(STUDY, R, HOME, here)

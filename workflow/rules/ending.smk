@@ -1,4 +1,4 @@
-from wearscope.cli.ending import end_badly, end_well
+from wearscope.cli.progress import end_badly, end_well
 
 # What was asked for is answered on these pages; a partition's is part of its study's.
 ANSWERED = {

@@ -147,9 +147,9 @@ rule draw_conclusion:
         direct=DIRECT_TABLES,
         code=lambda w: code("draw_conclusion"),
     output:
-        conclusion=update(f"{R}/conclusion.json"),
-        thresholds=f"{R}/thresholds.parquet",
-        rankings=f"{R}/rankings.parquet",
+        conclusion=f"{ANSWER}/conclusion.json",
+        thresholds=f"{ANSWER}/thresholds.parquet",
+        rankings=f"{ANSWER}/rankings.parquet",
     log:
         f"{R}/logs/draw_conclusion.log",
     conda:

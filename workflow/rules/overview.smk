@@ -5,7 +5,7 @@ rule make_overview:
         snr=f"{R}/snr.parquet",
         fits=f"{R}/chosen_surrogates.parquet" if STUDY.scope.model == "chosen" else f"{R}/validation.parquet",
         failed_simulations=f"{R}/failed_simulations.parquet",
-        conclusion=f"{R}/conclusion.json",
+        conclusion=f"{ANSWER}/conclusion.json",
         code=lambda w: code("make_overview"),
     output:
         f"{R}/overview.parquet",
@@ -51,8 +51,9 @@ if PARTITIONS:
         input:
             overviews=whole("overview"),
             pages=expand("{R}/partitions/{part}/report.html", R=R, part=PARTITIONS),
-            conclusion=f"{R}/conclusion.json",
-            thresholds=f"{R}/thresholds.parquet",
+            conclusion=f"{ANSWER}/conclusion.json",
+            thresholds=f"{ANSWER}/thresholds.parquet",
+            rankings=f"{ANSWER}/rankings.parquet",
             ranking=f"{R}/ranking.parquet",
             sensitivity=f"{R}/sensitivity.parquet",
             failures=f"{R}/failures.parquet",
@@ -70,6 +71,7 @@ if PARTITIONS:
                 category="Report",
                 labels={"figure": "the whole report"},
             ),
+            shown=shown_together("conclusion.json", "thresholds.parquet", "rankings.parquet"),
         log:
             f"{R}/logs/write_overview.log",
         conda:

@@ -89,7 +89,7 @@ rule compare_paper:
         answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
         code=lambda w: code("compare_paper"),
     output:
-        f"{R}/findings.parquet",
+        f"{ANSWER}/findings.parquet",
     log:
         f"{R}/logs/compare_paper.log",
     conda:
@@ -119,14 +119,14 @@ rule write_report:
         chosen=ASKED[1] if FILLED else [],
         direct=DIRECT_TABLES[0] if PLAN.compares_direct else [],
         mismatch=MISMATCH_TABLES[0] if MISMATCH else [],
-        conclusion=f"{R}/conclusion.json",
-        thresholds=f"{R}/thresholds.parquet",
-        rankings=f"{R}/rankings.parquet",
+        conclusion=f"{ANSWER}/conclusion.json",
+        thresholds=f"{ANSWER}/thresholds.parquet",
+        rankings=f"{ANSWER}/rankings.parquet",
         responses=f"{R}/responses.parquet",
         simulated=f"{R}/simulated.parquet",
         detection=f"{R}/detection.parquet",
         friction=f"{R}/friction.parquet",
-        findings=f"{R}/findings.parquet",
+        findings=f"{ANSWER}/findings.parquet",
         loop=[
             *(DEMONSTRATION[:1] if TELLS_DEMONSTRATION else []),
             *(LOOP[:1] if STUDY.dataset is not None else []),
@@ -144,6 +144,7 @@ rule write_report:
             category="Report",
             labels={"figure": "the whole report"},
         ),
+        shown=shown_together("conclusion.json", "thresholds.parquet", "rankings.parquet", "findings.parquet"),
     log:
         f"{R}/logs/write_report.log",
     conda:

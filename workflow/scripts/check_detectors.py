@@ -6,7 +6,7 @@ from functools import partial
 from job import run_job
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import load_detector
-from wearscope.detectors.varied import find_options, set_option
+from wearscope.detectors.run import find_options, set_option
 from wearscope.storage import tables
 from wearscope.supervision import call_supervised
 

@@ -6,8 +6,8 @@ from job import run_job
 from quantities import quantify
 from wearscope.designs.factors import Factor
 from wearscope.robots.model import load_model
-from wearscope.simulation.failures import read_markers
-from wearscope.simulation.packed import PackedRecordings
+from wearscope.simulation.chunk import read_markers
+from wearscope.simulation.recording import PackedRecordings
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

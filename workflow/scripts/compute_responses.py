@@ -4,8 +4,13 @@ import numpy as np
 
 from job import run_job
 from wearscope.designs.factors import Factor, nominal_levels
-from wearscope.evaluation.detection import FALSE_ALARMS, detection_table, pick_levels
-from wearscope.evaluation.responses import response_table, simulated_table
+from wearscope.evaluation.detection import (
+    FALSE_ALARMS,
+    detection_table,
+    pick_levels,
+    response_table,
+    simulated_table,
+)
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_cells
 

@@ -5,8 +5,7 @@ import pandas as pd
 from job import run_job
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.ranking import rank_deployable
-from wearscope.evaluation.sampled_snr import sampled_snr_table
-from wearscope.evaluation.snr import answer_rows, snr_table
+from wearscope.evaluation.snr import answer_rows, sampled_snr_table, snr_table
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen, read_noise
 

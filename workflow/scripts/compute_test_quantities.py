@@ -7,8 +7,8 @@ from quantities import quantify
 from wearscope.designs.factors import Factor
 from wearscope.detectors.run import join_test_quantities
 from wearscope.robots.model import load_model
-from wearscope.simulation.failures import check_failures, failure_table, read_markers
-from wearscope.simulation.packed import PackedRecordings
+from wearscope.simulation.chunk import check_failures, failure_table, read_markers
+from wearscope.simulation.recording import PackedRecordings
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

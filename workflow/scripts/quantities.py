@@ -3,8 +3,8 @@
 from job import count_progress
 from wearscope.detectors.base import Batch
 from wearscope.detectors.run import DetectorSpec, compute_test_quantities
-from wearscope.simulation.failures import check_failures, failure_table
-from wearscope.simulation.packed import read_points
+from wearscope.simulation.chunk import check_failures, failure_table
+from wearscope.simulation.recording import read_points
 
 
 def quantify(
@@ -13,7 +13,7 @@ def quantify(
 ):  # fmt: skip
     """Tables of test quantities and of failed simulations.
 
-    `outcome` is what `wearscope.simulation.failures.read_markers` gives, `params` the rule's; `sizes` are the
+    `outcome` is what `wearscope.simulation.chunk.read_markers` gives, `params` the rule's; `sizes` are the
     points of whole sets, where `designs` hold a chunk; `packed` are recordings that are no file a point;
     the detectors learn from `nominal_set`.
     """

@@ -4,7 +4,7 @@ import yaml
 
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import list_bounds
-from wearscope.evaluation.certain_changes import Reevaluation
+from wearscope.evaluation.reevaluation import Reevaluation
 from wearscope.reporting.labels import detector_name, factor_name
 from wearscope.storage import tables
 

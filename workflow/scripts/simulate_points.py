@@ -9,7 +9,7 @@ from simulating import digest_inputs, simulate
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
 from wearscope.simulation.chunk import Plan
-from wearscope.simulation.packed import pack_recordings, remove_recordings
+from wearscope.simulation.recording import pack_recordings, remove_recordings
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

@@ -16,6 +16,7 @@ from wearscope.reporting.overview_page import render_overview
 from wearscope.reporting.study import Study
 from wearscope.robots.model import load_model
 from wearscope.storage import tables
+from wearscope.storage.checksums import show_answer
 
 TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
 #: Tables by cell: the partitions' reports tell of them.
@@ -48,5 +49,7 @@ with run_job(snakemake) as say:
         units={name: name_unit(detector, models()) for name, detector in detectors.items()},
         provenance=tell_provenance(),
     )
-    tables.write_text(out.report, render_overview(study, overview, params.pages))
+    made = Path(given.conclusion).parent
+    tables.write_text(made / "report.html", render_overview(study, overview, params.pages))
+    show_answer(made, Path(out.report).parent)
     say(f"{len(overview)} robots and test-cycles, the worst first")

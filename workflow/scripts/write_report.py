@@ -17,6 +17,7 @@ from wearscope.reporting.study import Study
 from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 from wearscope.storage import tables
+from wearscope.storage.checksums import show_answer
 
 TABLES = (
     "surrogates", "validation", "sensitivity", "ranking", "scope", "failures",
@@ -63,4 +64,6 @@ with run_job(snakemake):
         },
     )
     findings = read_findings(tables.read_table(given.findings))
-    tables.write_text(snakemake.output.report, render_study(study, findings))
+    made = Path(given.conclusion).parent
+    tables.write_text(made / "report.html", render_study(study, findings))
+    show_answer(made, Path(snakemake.output.report).parent)

@@ -11,9 +11,8 @@ from wearscope.archive.manifest import MADE, MANIFEST, Manifest, parse_manifest
 from wearscope.archive.members import read_member, walk_archive
 from wearscope.errors import InputError
 from wearscope.storage import tables
-from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.checksums import SETTINGS, check_shown
 from wearscope.storage.files import digest_file, load_json
-from wearscope.storage.shown import check_shown
 from wearscope.storage.verdicts import check_verdict
 
 

@@ -1,4 +1,8 @@
-"""A finished study in one file: packed, unpacked, restored; the form is in `wearscope.archive`."""
+"""A finished study in one file: packed, unpacked, restored; the form is in `wearscope.archive`.
+
+A restored configuration has no lines that would let code run, unless the user allows them.
+
+"""
 
 import hashlib
 import json
@@ -14,7 +18,6 @@ from typing import IO, Any
 import yaml
 
 from wearscope import limits
-from wearscope.archive.code import read_settings, refuse_code
 from wearscope.archive.manifest import (
     CHECKSUM,
     CONFIG,
@@ -27,7 +30,7 @@ from wearscope.archive.manifest import (
 )
 from wearscope.archive.members import as_content, describe_checksum, extract_archive, walk_archive, write_tar
 from wearscope.config import TAKEN, drop_retired
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_yaml
 from wearscope.storage.checksums import record_checksums
 from wearscope.storage.files import (
     check_plain,
@@ -37,6 +40,7 @@ from wearscope.storage.files import (
     write_text,
     write_whole,
 )
+from wearscope.storage.plain_yaml import load_plain_yaml
 from wearscope.storage.provenance import describe_provenance
 
 
@@ -199,10 +203,10 @@ def restore_archive(
 
 
 def _is_as(path: Path, digest: str) -> bool:
-    """Whether a file that an archive names, which may be any of the machine's, has a digest."""
+    """Whether a file has a digest; an archive may name any file of the machine, also a pipe or a device."""
     try:
         check_plain(path, limits.TEXT_BYTES, "")
-        # What the system makes up as it is read, such as its log, has no size, and may have no end.
+        # Files that the kernel generates (in /proc) state no size, and reading them may not end.
         return (digest_file(path) if path.stat().st_size else hashlib.sha256().hexdigest()) == digest
     except (InputError, OSError):
         return False
@@ -234,3 +238,63 @@ def _open(path: Path) -> IO[bytes]:
 
 def _describe(content: bytes) -> FileEntry:
     return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
+
+
+#: Put before the path of code, so that the configuration is refused until the user has written it again.
+REFUSED = "refused, read it first: "
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """Configuration of an unpacked archive.
+
+    Raises
+    ------
+    InputError
+        Where it holds no plain settings.
+    """
+    try:
+        settings = load_plain_yaml(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{path.name}: is no configuration ({explain_yaml(error)}); get the file again."
+        ) from None
+    if not isinstance(settings, dict):
+        raise InputError(f"{path.name}: holds no settings; get the file again.")
+    return settings
+
+
+def refuse_code(settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """A configuration whose paths of code are marked as refused, and which allows none.
+
+    Snakemake itself would run Python in a configuration that asks for its template engine by a key with two
+    underscores; such keys are taken out.
+
+    Returns
+    -------
+    dict
+    list of str
+        What was refused, as ``place: value``.
+    """
+    refused: list[str] = []
+
+    def walk(value: Any, place: str) -> Any:
+        if isinstance(value, Mapping):
+            kept = {}
+            for key, inner in value.items():
+                where = f"{place}.{key}" if place else str(key)
+                if str(key).startswith("__"):
+                    refused.append(where)
+                elif key == "allow_code" and inner not in (False, None, []):
+                    refused.append(f"{where}: {inner}")
+                    kept[key] = False
+                else:
+                    kept[key] = walk(inner, where)
+            return kept
+        if isinstance(value, list):
+            return [walk(one, place) for one in value]
+        if isinstance(value, str) and value.endswith(".py"):
+            refused.append(f"{place}: {value}")
+            return f"{REFUSED}{value.removesuffix('.py')}"
+        return value
+
+    return walk(settings, ""), refused

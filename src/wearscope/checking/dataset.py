@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.checking.findings import Findings
 from wearscope.closed_loop.intake.data_folder import check_file, find_inside
 from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import (
@@ -19,9 +18,9 @@ from wearscope.closed_loop.intake.table_files import read_columns, take_joints
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.posing import find_prismatic, load_named_effects
-from wearscope.errors import InputError
+from wearscope.errors import Findings, InputError
 from wearscope.tracking.session_names import read_sessions
-from wearscope.tracking.sessions import check_sessions
+from wearscope.tracking.session_runs import check_sessions
 
 
 @keep_to_one_thread

@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from wearscope import plugins
-from wearscope.checking.findings import Findings
 from wearscope.checking.robot import USUAL
 from wearscope.cycles.base import load_cycle, required_torque
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.effects.base import Signals, load_effect
-from wearscope.errors import InputError, describe
+from wearscope.errors import Findings, InputError, describe
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_cycle
 

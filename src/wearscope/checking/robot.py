@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from wearscope import limits
-from wearscope.checking.findings import Findings
 from wearscope.cycles.base import Cycle, find_coarse_step, list_cycles, load_cycle
-from wearscope.errors import InputError, SelfTestError, SimulationError
+from wearscope.errors import Findings, InputError, SelfTestError, SimulationError
 from wearscope.robots.model import RobotModel, check_effects, list_breaches, load_model
 from wearscope.robots.model_file import Allowed, find_model, read_model_file
 from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from wearscope import limits
-from wearscope.checking.findings import Findings
 from wearscope.checking.robot import STEP, check_factors, check_model
 from wearscope.config import CarryOverSettings, StudyConfig, label, list_breaches, load_config
 from wearscope.cycles.base import Cycle, load_cycle
@@ -16,7 +15,7 @@ from wearscope.designs.checks import check_design
 from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import make_design
 from wearscope.detectors.base import load_detector
-from wearscope.errors import InputError
+from wearscope.errors import Findings, InputError
 from wearscope.robots.carry_over import carry_over
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.model_file import Allowed

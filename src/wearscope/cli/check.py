@@ -59,7 +59,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
 
     Returns
     -------
-    wearscope.checking.findings.Findings
+    wearscope.errors.Findings
 
     Raises
     ------

@@ -110,7 +110,7 @@ def main() -> None:
 
 
 def _check_words() -> None:
-    """Refuse a working directory that is gone, and paths that neither YAML nor JSON nor a page can name."""
+    """Refuse a working directory that was deleted, and paths that are not UTF-8."""
     try:
         here = os.getcwd()
     except FileNotFoundError:

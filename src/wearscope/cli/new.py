@@ -143,7 +143,7 @@ def example(name):  # type: ignore[no-untyped-def]
     Example:
       wearscope new example
     """
-    from wearscope.starters.example import write_example
+    from wearscope.starters.machine import write_example
 
     write_example(name)
     _tell([name], f"wearscope new dataset {name}/*.csv --urdf {name}/arm.urdf")

@@ -75,8 +75,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
       wearscope new robot arm.urdf --efficiency 0.8 --gear-ratio 101 --joints j1,j2,j3,j4,j5,j6
     """
     from wearscope.robots.model import RobotModel
-    from wearscope.starters.model_text import write_model_text
-    from wearscope.starters.robot import Stated, copy_urdf, make_robot
+    from wearscope.starters.robot import Stated, copy_urdf, make_robot, write_model_text
     from wearscope.starters.writing import check_folder_name, new_folder, refuse_existing, write_schema
 
     name = check_folder_name(name or name_after(urdf), "robot")

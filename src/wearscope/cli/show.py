@@ -14,7 +14,7 @@ from wearscope import limits
 from wearscope.cli.progress import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
-from wearscope.storage.shown import check_shown
+from wearscope.storage.checksums import check_shown
 
 #: Results that `show` lists first, and what each says.
 QUESTIONS = {

@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from wearscope.cli.ending import shorten, show_result
-from wearscope.cli.progress import format_seconds, say, show_progress
+from wearscope.cli.progress import format_seconds, say, shorten, show_progress, show_result
 from wearscope.cli.study import (
     StudyPlace,
     check_code_named,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
-from wearscope.config.base import Model, Section, SurrogateKind
+from wearscope.config.sections import Model, Section, SurrogateKind
 
 #: What a factor can be in addition to a number by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")

@@ -6,7 +6,7 @@ from pydantic import Field, field_validator, model_validator
 
 from wearscope import plugins
 from wearscope.closed_loop.inference.policy import Policy
-from wearscope.config.base import Probability, Section
+from wearscope.config.sections import Probability, Section
 
 
 class CarryOverSettings(Section):
@@ -98,8 +98,9 @@ class TrackingSettings(Section):
 
     false_alarm_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
     """Share of sessions of a healthy machine in which a change may be named, over all joints and effects."""
-    friction_limit: Annotated[float, Field(gt=0.0)] = 0.3
-    """Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told."""
+    friction_limit: Annotated[float, Field(gt=0.0)] | None = None
+    """Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told; left
+    out, 0.3 is assumed, and the page says so."""
 
 
 class DetectSettings(Section):

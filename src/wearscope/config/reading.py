@@ -8,11 +8,11 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from wearscope import limits
-from wearscope.config.base import PATTERNS
+from wearscope.config.sections import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 
-#: Settings of earlier releases that are no more.
+#: Settings that only earlier releases had.
 RETIRED = (
     "attribution_board",
     *(
@@ -27,7 +27,7 @@ RETIRED = (
 
 
 def drop_retired(mapping: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    """An archived configuration without the settings of earlier releases that are no more."""
+    """An archived configuration without settings that only earlier releases had."""
     return {
         name: drop_retired(value, f"{section}{name}.") if isinstance(value, Mapping) else value
         for name, value in mapping.items()

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from wearscope.config.base import KEYS, TAKEN, FactorName, Name, Section, Share
 from wearscope.config.design import (
     DesignSettings,
     DetectorSettings,
@@ -25,11 +24,17 @@ from wearscope.config.measured import (
     ReevaluateSettings,
     TrackingSettings,
 )
-from wearscope.config.questions import (
+from wearscope.config.sections import (
+    KEYS,
+    TAKEN,
     AuditSettings,
     DirectSettings,
+    FactorName,
+    Name,
     ScopeSettings,
+    Section,
     SensitivitySettings,
+    Share,
     SnrSettings,
 )
 

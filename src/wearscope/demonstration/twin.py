@@ -17,8 +17,7 @@ import yaml
 from numba import njit
 from numpy.typing import NDArray
 
-from wearscope.demonstration.machine import Machine
-from wearscope.demonstration.motions import Motion, make_motion
+from wearscope.demonstration.motions import Machine, Motion, make_motion
 from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]

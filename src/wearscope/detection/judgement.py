@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.detection.panel import Cell
 from wearscope.detection.run import COMPARED, JUDGED, NOMINAL, OK, UNWORN, WORN, Asked, Setting, Tested
 from wearscope.detection.thresholds import (
+    Cell,
     Scatter,
     WearScale,
     compare_scatter,

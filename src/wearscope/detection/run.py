@@ -14,10 +14,9 @@ from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.designs.factors import PAPER_FACTORS, Factor
-from wearscope.detection.panel import Cell, fit_panel, read_units
 from wearscope.detection.recordings import MotionGroup, Refused, bridge_events, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
-from wearscope.detection.thresholds import least_runs
+from wearscope.detection.thresholds import Cell, fit_panel, least_runs, read_units
 from wearscope.detectors.base import Batch
 from wearscope.detectors.questions import OK, Answer, DetectorSpec
 from wearscope.errors import InputError, SimulationError

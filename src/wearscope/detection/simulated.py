@@ -13,8 +13,7 @@ from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.cycles.base import Reference
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor
 from wearscope.designs.kinds import generator_for, seed_for
-from wearscope.detection.motion import cut_rests
-from wearscope.detection.recordings import MotionGroup, Recorded, estimate_torque_noise
+from wearscope.detection.recordings import MotionGroup, Recorded, cut_rests, estimate_torque_noise
 from wearscope.detectors.base import Array, Batch
 from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel

@@ -1,12 +1,20 @@
-"""The alarm threshold of a wanted false-alarm rate, what a test quantity says, and whose scatter it is."""
+"""The alarm threshold of a wanted false-alarm rate, what a test quantity says, and whose scatter it is.
 
-from dataclasses import dataclass
+The study's detectors, the panel, are fitted once at every moving joint and asked for each batch.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
 
-from wearscope.detectors.base import Array
+from wearscope import plugins
+from wearscope.detectors.base import Array, Batch, Detector, make_detector
+from wearscope.detectors.questions import OK, Answer, DetectorSpec, ask_detector, tell_error
 from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel
 
 #: Places of the wear at which its probability is evaluated.
 _GRID = 401
@@ -61,7 +69,7 @@ def find_threshold(y: Array, p_f: float) -> Threshold:
             f"detect: a false-alarm rate of {p_f:g} takes {least_runs(p_f)} runs without wear, but there are "
             f"{n}; raise detect.runs or detect.p_f."
         )
-    low, high = stats.beta(k, n + 1 - k).ppf([0.025, 0.975])
+    low, high = stats.beta.ppf([0.025, 0.975], k, n + 1 - k)
     return Threshold(float(np.sort(y)[n - k]), float(low), float(high))
 
 
@@ -182,3 +190,77 @@ def compare_scatter(distances: Array, independent: int, p_f: float) -> Scatter:
 def widen(values: Array, middle: Array | float, widening: float) -> Array:
     """Values drawn away from their middle; as they are where the widening is not known."""
     return values if np.isnan(widening) else middle + widening * (values - middle)
+
+
+#: Joint and name of a detector.
+Cell = tuple[str, str]
+
+
+@dataclass
+class Panel:
+    """Detectors fitted to the same nominal batches.
+
+    Attributes
+    ----------
+    fitted : dict
+        Detector by joint and name.
+    unfitted : dict
+        Why a detector could not be fitted, by joint and name.
+    """
+
+    fitted: dict[Cell, Detector] = field(default_factory=dict)
+    unfitted: dict[Cell, str] = field(default_factory=dict)
+
+    def ask(self, batch: Batch) -> dict[Cell, Answer]:
+        """Test quantity and status by joint and detector; NaN where a detector fails."""
+        answers = {cell: (math.nan, f"cannot be fitted: {told}") for cell, told in self.unfitted.items()}
+        for (joint, name), detector in self.fitted.items():
+            answers[joint, name] = ask_detector(detector, batch, f"fda '{name}', joint '{joint}'")
+        return answers
+
+
+def fit_panel(
+    specs: Sequence[DetectorSpec],
+    joints: Mapping[str, int],
+    nominal: Sequence[Batch],
+    model: RobotModel,
+) -> Panel:
+    """Fit every detector at every joint.
+
+    Parameters
+    ----------
+    specs : sequence of DetectorSpec
+    joints : mapping of str to int
+        Column of each joint to test.
+    nominal : sequence of Batch
+    model : RobotModel
+
+    Raises
+    ------
+    InputError
+        Where a detector cannot be made; one that cannot be fitted is left out, with its reason.
+    """
+    panel = Panel()
+    factories = [plugins.load(spec.reference, "detectors", "DETECTOR") for spec in specs]
+    for joint, column in joints.items():
+        for spec, factory in zip(specs, factories, strict=True):
+            detector = make_detector(factory, spec.reference, spec.options)
+            try:
+                detector.fit(nominal, column, model)
+            except (Exception, SystemExit) as error:
+                panel.unfitted[joint, spec.name] = tell_error(error)
+            else:
+                panel.fitted[joint, spec.name] = detector
+    return panel
+
+
+def read_units(panel: Panel, torque_units: Mapping[str, str]) -> dict[Cell, str]:
+    """Unit of each test quantity: the detector's own `unit`, with ``torque`` for the joint's; else empty."""
+    units = {}
+    for (joint, name), detector in panel.fitted.items():
+        unit = str(getattr(detector, "unit", ""))
+        units[joint, name] = torque_units[joint] if unit == "torque" else unit
+    return units
+
+
+__all__ = ["OK", "Cell", "Panel", "fit_panel", "read_units"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 OK = "ok"
-#: Set and number of a design point.
+#: A design point: its set and its number in it.
 Key = tuple[str, int]
 #: Test quantity and status.
 Answer = tuple[float, str]

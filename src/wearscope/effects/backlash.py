@@ -6,8 +6,7 @@ Robot gears have 1 arc minute, planetary gears of the plainest class up to 20 (6
 
 import numpy as np
 
-from wearscope.effects.base import Parameter, Signals, TransmissionEffect
-from wearscope.effects.effect import GRAVITY_SIGN
+from wearscope.effects.base import GRAVITY_SIGN, Parameter, Signals, TransmissionEffect
 
 
 def _take_up(torque: np.ndarray, shape: np.ndarray) -> np.ndarray:

@@ -3,7 +3,23 @@
 from pathlib import Path
 
 from wearscope import plugins
-from wearscope.effects.effect import Effect
+from wearscope.effects.effect import (
+    ALONE,
+    GRAVITY_SIGN,
+    OTHERS,
+    PAYLOAD,
+    POSTURES,
+    QUICK,
+    RANGE,
+    REVERSALS,
+    SESSIONS,
+    SLOW_MOTION,
+    SPEEDS,
+    TEMPERATURE,
+    TIME,
+    WEAR,
+    Effect,
+)
 from wearscope.effects.kinds import (
     ArmatureEffect,
     InertialEffect,
@@ -14,13 +30,26 @@ from wearscope.effects.kinds import (
 )
 from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
-from wearscope.effects.plant import Plant, Term
-from wearscope.effects.rows import ROW, compile_row, decay
+from wearscope.effects.rows import ROW, Plant, Term, compile_row, decay
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 
 __all__ = [
+    "ALONE",
+    "GRAVITY_SIGN",
+    "OTHERS",
+    "PAYLOAD",
+    "POSTURES",
+    "QUICK",
+    "RANGE",
+    "REVERSALS",
     "ROW",
+    "SESSIONS",
+    "SLOW_MOTION",
+    "SPEEDS",
+    "TEMPERATURE",
+    "TIME",
+    "WEAR",
     "ArmatureEffect",
     "Effect",
     "InertialEffect",

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import SLOW_MOTION
+from wearscope.effects.base import SLOW_MOTION, Effect, Parameter, Signals, compile_row
 
 
 @compile_row

@@ -1,7 +1,6 @@
 """Coulomb friction."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.effect import SPEEDS
+from wearscope.effects.base import SPEEDS, Effect, Parameter, compile_row
 
 
 @compile_row

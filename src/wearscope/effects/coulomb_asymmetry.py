@@ -1,7 +1,6 @@
 """Coulomb level that differs between the two directions."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.effect import REVERSALS
+from wearscope.effects.base import REVERSALS, Effect, Parameter, compile_row
 
 
 @compile_row

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import ALONE
+from wearscope.effects.base import ALONE, Effect, Parameter, Signals, compile_row
 
 #: Signals of the driving joint.
 DRIVEN_BY = ("qd_{other}", "sign_qd_{other}", "qdd_{other}")

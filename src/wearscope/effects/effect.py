@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from wearscope.effects.parameter import Parameter
-from wearscope.effects.plant import Plant, Term
-from wearscope.effects.rows import stack_rows
+from wearscope.effects.rows import Plant, Term, stack_rows
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row, decay
-from wearscope.effects.effect import TEMPERATURE
+from wearscope.effects.base import TEMPERATURE, Effect, Parameter, compile_row, decay
 from wearscope.effects.friction_wear_temperature import limit_temperature
 
 

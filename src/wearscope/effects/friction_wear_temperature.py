@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
-from wearscope.effects.effect import TEMPERATURE
+from wearscope.effects.base import TEMPERATURE, Effect, Parameter, Signals, compile_row, decay
 
 
 @compile_row

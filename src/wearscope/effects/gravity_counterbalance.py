@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.effect import RANGE
+from wearscope.effects.base import RANGE, Effect, Parameter, compile_row
 
 
 @compile_row

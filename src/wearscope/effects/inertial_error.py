@@ -5,8 +5,7 @@ Not all coefficients can be told apart along a motion, some along none (Gautier 
 parameters).
 """
 
-from wearscope.effects.base import InertialEffect
-from wearscope.effects.effect import PAYLOAD, QUICK
+from wearscope.effects.base import PAYLOAD, QUICK, InertialEffect
 from wearscope.effects.payload_error import EFFECT as PAYLOAD_ERROR
 
 EFFECT = InertialEffect(

@@ -5,8 +5,7 @@ The smallest strain wave gears have some 200 N m/rad, a slide's toothed belt as 
 are made for has a softer one, that yields to them as far as a gear may be slack (`backlash.py`).
 """
 
-from wearscope.effects.base import Parameter, TransmissionEffect
-from wearscope.effects.effect import QUICK
+from wearscope.effects.base import QUICK, Parameter, TransmissionEffect
 
 EFFECT = TransmissionEffect(
     name="joint_elasticity",

@@ -1,7 +1,6 @@
 """Spring about the joint: cable or hose package."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.effect import RANGE
+from wearscope.effects.base import RANGE, Effect, Parameter, compile_row
 
 
 @compile_row

@@ -9,7 +9,7 @@ import numpy as np
 
 from wearscope.effects.effect import Effect
 from wearscope.effects.parameter import Parameter
-from wearscope.effects.plant import Plant
+from wearscope.effects.rows import Plant
 from wearscope.effects.signals import Signals, differentiate
 
 #: Values that describe a body for gravity: its mass and first moments.

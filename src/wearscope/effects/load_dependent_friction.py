@@ -6,8 +6,7 @@ strain wave and cycloidal gears, some 0.6 for a small servo's spur gears. At 1 a
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row, decay
-from wearscope.effects.effect import PAYLOAD
+from wearscope.effects.base import PAYLOAD, Effect, Parameter, Signals, compile_row, decay
 
 
 @compile_row

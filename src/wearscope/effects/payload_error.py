@@ -1,7 +1,6 @@
 """Error of the declared payload's mass and centre of mass."""
 
-from wearscope.effects.base import Parameter, PayloadEffect
-from wearscope.effects.effect import PAYLOAD, POSTURES
+from wearscope.effects.base import PAYLOAD, POSTURES, Parameter, PayloadEffect
 
 EFFECT = PayloadEffect(
     name="payload_error",

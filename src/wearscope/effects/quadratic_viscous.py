@@ -1,7 +1,6 @@
 """Viscous friction that grows with the square of the speed, as churned oil has it: it takes power."""
 
-from wearscope.effects.base import Effect, Parameter, compile_row
-from wearscope.effects.effect import SPEEDS
+from wearscope.effects.base import SPEEDS, Effect, Parameter, compile_row
 
 
 @compile_row

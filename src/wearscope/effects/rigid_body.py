@@ -1,7 +1,6 @@
 """Multibody dynamics of the links with the declared payload."""
 
-from wearscope.effects.base import RigidBodyEffect
-from wearscope.effects.effect import QUICK
+from wearscope.effects.base import QUICK, RigidBodyEffect
 
 EFFECT = RigidBodyEffect(
     name="rigid_body",

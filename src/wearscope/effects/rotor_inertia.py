@@ -1,7 +1,6 @@
 """Rotor inertia reflected to the joint."""
 
-from wearscope.effects.base import ArmatureEffect, Parameter, compile_row
-from wearscope.effects.effect import PAYLOAD, QUICK
+from wearscope.effects.base import PAYLOAD, QUICK, ArmatureEffect, Parameter, compile_row
 
 
 @compile_row

@@ -1,7 +1,6 @@
 """Inertia on the motor side beyond the declared rotor inertia."""
 
-from wearscope.effects.base import ArmatureEffect, Parameter
-from wearscope.effects.effect import PAYLOAD, POSTURES
+from wearscope.effects.base import PAYLOAD, POSTURES, ArmatureEffect, Parameter
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 
 EFFECT = ArmatureEffect(

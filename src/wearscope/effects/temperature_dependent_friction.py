@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import TEMPERATURE
+from wearscope.effects.base import TEMPERATURE, Effect, Parameter, Signals, compile_row
 
 #: Span of temperature [K] that a sensor at rest shows by itself: below it, no dependence can be seen.
 LEAST_SPAN = 0.5

@@ -1,7 +1,6 @@
 """Torque channel that lags the position channel."""
 
-from wearscope.effects.base import MeasurementEffect, Parameter, Signals
-from wearscope.effects.effect import QUICK
+from wearscope.effects.base import QUICK, MeasurementEffect, Parameter, Signals
 
 #: Smallest delay that is believed, in samples of the recording: clocks of two channels agree no better.
 _LEAST_SAMPLES = 0.1

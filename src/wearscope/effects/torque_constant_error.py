@@ -3,8 +3,7 @@
 Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent.
 """
 
-from wearscope.effects.base import MeasurementEffect, Parameter
-from wearscope.effects.effect import PAYLOAD
+from wearscope.effects.base import PAYLOAD, MeasurementEffect, Parameter
 
 EFFECT = MeasurementEffect(
     name="torque_constant_error",

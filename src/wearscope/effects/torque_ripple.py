@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import SESSIONS
+from wearscope.effects.base import SESSIONS, Effect, Parameter, Signals, compile_row
 
 #: Fewest periods over the visited range: a wave of so many has little in common with a spring's line (a
 #: correlation of 0.1, with as much time everywhere; of one period it is 0.8).

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import OTHERS
+from wearscope.effects.base import OTHERS, Effect, Parameter, Signals, compile_row
 
 #: Numbers of hat functions worth trying.
 LEVELS = (5, 9, 17, 33)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-from wearscope.effects.effect import TIME
+from wearscope.effects.base import TIME, Effect, Parameter, Signals, compile_row
 
 
 @compile_row

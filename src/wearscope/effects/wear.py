@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import Effect, Parameter, compile_row, decay
-from wearscope.effects.effect import WEAR
+from wearscope.effects.base import WEAR, Effect, Parameter, compile_row, decay
 
 #: Share of a joint's top speed over which the bump of worn friction dies away, until data show it.
 BUMP = 0.05

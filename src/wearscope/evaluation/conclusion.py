@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.detection import detection_table
+from wearscope.evaluation.detection import Cells, detection_table, largest_passing
 from wearscope.evaluation.recommendation import (
     RESAMPLINGS,
     Recommendation,
@@ -16,9 +16,7 @@ from wearscope.evaluation.recommendation import (
     reach_table,
     recommend,
 )
-from wearscope.evaluation.responses import Cells
 from wearscope.evaluation.scope import SURE, add_counts, count_scope
-from wearscope.evaluation.tolerance import largest_passing
 from wearscope.surrogates.fitting import CELL
 
 #: Shares of a group's cells that must be sure; the first share that any change of the fault reaches counts.

@@ -1,17 +1,125 @@
-"""Threshold and detection probability (13), (14) at any probability of false alarm: ROC of every cell."""
+"""Threshold and detection probability (13), (14) at any probability of false alarm: ROC of every cell.
 
-from collections.abc import Mapping, Sequence
+They rest on responses: what a surrogate says of the test quantity over one factor at a time, by the runs.
+Tolerance is the scope in one number: how much a nuisance may vary until a fault is no longer detected.
+
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from wearscope.evaluation.responses import Cells
-from wearscope.evaluation.sampled_scope import SPREAD, WEIGHTS, Tabulated, interpolation, weighted_threshold
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor
+from wearscope.evaluation.sampled_scope import (
+    SPREAD,
+    WEIGHTS,
+    Tabulated,
+    interpolation,
+    tabulated_scope,
+    weighted_threshold,
+)
 from wearscope.evaluation.scope import scope_quadratics, spread, tail_probability, threshold
 from wearscope.surrogates.fitting import CELL
 from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
+
+STEPS = 33
+
+#: A surrogate by its cell (robot, cycle, axis, fda).
+Cells = Iterable[tuple[tuple, ChosenSurrogate | Surrogate]]
+
+
+def response_table(
+    cells: Cells,
+    factors: Sequence[Factor],
+    levels: Mapping[str, float],
+    steps: int = STEPS,
+) -> pd.DataFrame:
+    """Response of every cell along each factor, the others held.
+
+    Parameters
+    ----------
+    cells : iterable of (key, surrogate)
+    factors : sequence of Factor
+    levels : mapping
+        Coded levels at which the others are held.
+    steps : int
+        Levels a factor, evenly over its simulated range.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, and ``low``,
+        ``high``, which hold the value of a new run with a probability of 95 % (NaN without residual degrees
+        of freedom).
+    """
+    line = np.linspace(CODED_LOW, CODED_HIGH, steps)
+    parts = []
+    for key, surrogate in cells:
+        for factor in factors:
+            z = np.tile([levels[name] for name in surrogate.names], (steps, 1)).astype(float)
+            z[:, surrogate.names.index(factor.name)] = line
+            low, high = surrogate.prediction_interval(z)
+            columns = {"coded": line, "natural": factor.to_natural(line), "y": surrogate.predict(z)}
+            parts.append(((*key[:4], factor.name), columns | {"low": low, "high": high}))
+    return _join(parts)
+
+
+def simulated_table(
+    cells: Cells, test_quantities: pd.DataFrame, factors: Sequence[Factor], levels: Mapping[str, float]
+) -> pd.DataFrame:
+    """Simulated runs of every cell along each factor, with and without the influence of other factors.
+
+    Parameters
+    ----------
+    cells : iterable of (key, surrogate)
+    test_quantities : DataFrame
+    factors : sequence of Factor
+    levels : mapping
+        Coded levels of the other factors after their influence is removed.
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``set``, ``point``, ``natural``, ``y``,
+        ``y_held``: y less what the surrogate gives to the other factors' distance from `levels`. Failed runs
+        are left out.
+    """
+    runs = dict(iter(test_quantities.dropna(subset=["y"]).groupby(CELL, sort=True, observed=True)))
+    parts = []
+    for key, surrogate in cells:
+        if key not in runs:
+            continue
+        own = runs[key].sort_values(["set", "point"])
+        z = own[list(surrogate.names)].to_numpy(dtype=float)
+        y = own["y"].to_numpy(dtype=float)
+        left = y - surrogate.predict(z)
+        for factor in factors:
+            k = surrogate.names.index(factor.name)
+            held = np.tile([levels[name] for name in surrogate.names], (len(z), 1)).astype(float)
+            held[:, k] = z[:, k]
+            columns = {
+                "set": own["set"].to_numpy(),
+                "point": own["point"].to_numpy(),
+                "natural": factor.to_natural(z[:, k]),
+                "y": y,
+                "y_held": surrogate.predict(held) + left,
+            }
+            parts.append(((*key[:4], factor.name), columns))
+    return _join(parts)
+
+
+def _join(parts: Sequence[tuple[Sequence[object], Mapping[str, np.ndarray]]]) -> pd.DataFrame:
+    """One table of parts, each with its cell and factor, column by column: a frame a part takes seconds."""
+    keys = pd.DataFrame([key for key, _ in parts], columns=[*CELL, "factor"])
+    counts = [len(next(iter(columns.values()))) for _, columns in parts]
+    table = keys.loc[keys.index.repeat(counts)].reset_index(drop=True)
+    for name in parts[0][1]:
+        table[name] = np.concatenate([columns[name] for _, columns in parts])
+    return table
+
 
 Array = NDArray[np.float64]
 FALSE_ALARMS = (
@@ -110,3 +218,51 @@ def _detect_tabulated(table: Tabulated, sigmas: Array, wanted: Array) -> tuple[A
             h[s, p] = weighted_threshold(y[0], order, WEIGHTS, one)
             p_d[s, :, p] = (y[1:] >= h[s, p]) @ WEIGHTS
     return h, p_d
+
+
+def largest_passing(passes: NDArray[np.bool_], sigmas: Array) -> Array:
+    """Largest sigma up to which all sigmas pass, shape (...) from passes (..., S); 0 if the first fails."""
+    reached = np.where(passes.all(axis=-1), passes.shape[-1], np.argmin(passes, axis=-1))
+    return np.concatenate([[0.0], sigmas])[reached]
+
+
+def sampled_tolerance(
+    surrogate: ChosenSurrogate,
+    factor: str,
+    levels: Mapping[str, float],
+    deltas: Array,
+    sigmas: Array,
+    rng: np.random.Generator,
+    draws: int,
+    f0: float = -2.0,
+    false_alarm: float = 0.01,
+    detection: float = 0.99,
+) -> tuple[Array, Array]:
+    """Largest standard deviation of a nuisance that a cell bears, coded.
+
+    Parameters
+    ----------
+    surrogate : ChosenSurrogate
+    factor : str
+        The nuisance that varies about its nominal level; the others are held.
+    levels : mapping
+        Coded nominal levels.
+    deltas, sigmas : array (J,), (S,)
+    rng : numpy.random.Generator
+    draws : int
+        Response functions.
+    f0, false_alarm, detection : float
+        As in `wearscope.evaluation.scope.scope_table`.
+
+    Returns
+    -------
+    value : array (J,)
+        Of the mean response; at most the last sigma.
+    drawn : array (draws, J)
+    """
+    if surrogate.status == "constant":
+        return np.zeros(len(deltas)), np.zeros((draws, len(deltas)))
+    table = Tabulated(surrogate, factor, levels, deltas, f0)
+    value = tabulated_scope(table.mean, table.nodes, sigmas, false_alarm, table.centre) >= detection
+    passes = table.drawn_passes(sigmas, rng, draws, false_alarm, detection)
+    return largest_passing(value.T, sigmas), largest_passing(np.swapaxes(passes, 1, 2), sigmas)

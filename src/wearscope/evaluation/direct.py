@@ -9,8 +9,7 @@ from wearscope.designs.factors import CODED_HIGH, CODED_LOW, Factor, check_facto
 from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import bootstrap_indices
-from wearscope.evaluation.sampled_snr import draw_snr, response_size
-from wearscope.evaluation.snr import is_noise_free, ratio
+from wearscope.evaluation.snr import draw_snr, is_noise_free, ratio, response_size
 from wearscope.surrogates.fitting import CELL, cell_name, cells_of
 from wearscope.surrogates.selection import ChosenSurrogate
 

@@ -16,6 +16,8 @@ from wearscope.surrogates.fitting import CELL, cell_name
 Array = NDArray[np.float64]
 #: Fewer cells than these say nothing by being resampled.
 FEW = 5
+#: Values that a block of resamplings holds at most.
+_BLOCK = 1_000_000
 
 
 def rank_deployable(
@@ -104,8 +106,10 @@ def rank_by_median(
         return _rank_few(values, low, high, keys, by)
     stream = generator_for(seed, "rank", value, *by)
     median = _median(values)
-    # Drawn one at a time: all at once they would take draws times the memory of the values.
-    boot = np.stack([_median(values[bootstrap_indices(len(values), 1, stream)[0]]) for _ in range(draws)])
+    # Drawn in blocks: all at once they would take draws times the memory of the values.
+    block = max(1, _BLOCK // values.size)
+    sizes = (min(block, draws - begin) for begin in range(0, draws, block))
+    boot = np.concatenate([_median(values[bootstrap_indices(len(values), n, stream)]) for n in sizes])
     tail = 0.5 - level / 2
     order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
     filled = np.where(np.isnan(boot), -np.inf, boot)
@@ -171,13 +175,9 @@ def _describe_group(
 
 
 def _median(values: Array) -> Array:
-    """Median of each column, NaN left out; NaN where nothing is left."""
-    missing = np.isnan(values)
-    if len(values) and not missing.any():  # a ranking asks thousands of times
-        return np.asarray(np.median(values, axis=0))
-    result = np.full(values.shape[1], np.nan)
-    for k in range(values.shape[1]):
-        good = values[:, k][~missing[:, k]]
-        if good.size:
-            result[k] = np.median(good)
-    return result
+    """Median along the second last axis, NaN left out; NaN where nothing is left."""
+    rows = [(0, 0)] * (values.ndim - 2) + [(0, 1), (0, 0)]
+    ordered = np.sort(np.pad(values, rows, constant_values=np.nan), axis=-2)  # NaN comes last
+    count = np.sum(~np.isnan(values), axis=-2, keepdims=True)
+    middle = [np.take_along_axis(ordered, k, axis=-2) for k in (np.maximum(count - 1, 0) // 2, count // 2)]
+    return np.asarray(np.mean(middle, axis=0)).squeeze(-2)

@@ -16,9 +16,8 @@ from scipy.stats import rankdata
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
-from wearscope.evaluation.sampled_snr import draw_snr, response_size
-from wearscope.evaluation.snr import NOISE_FREE
-from wearscope.evaluation.tolerance import sampled_tolerance
+from wearscope.evaluation.detection import sampled_tolerance
+from wearscope.evaluation.snr import NOISE_FREE, draw_snr, response_size
 from wearscope.surrogates.chosen import read_chosen, read_noise
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
 from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate

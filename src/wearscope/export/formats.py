@@ -6,9 +6,8 @@ import xml.etree.ElementTree as ET
 import mujoco
 import numpy as np
 
-from wearscope.export.gears import add_gear
 from wearscope.export.holdings import Holdings
-from wearscope.export.passive_motors import add_passive_motors
+from wearscope.export.passive_motors import add_gear, add_passive_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, Link, Tree, parse_urdf
 

@@ -100,9 +100,11 @@ def export_model(
         None where the model has no limits to plan a motion in.
     """
     need("mujoco")
-    from wearscope.export.comparison import compare  # here, as all three import MuJoCo
+    from wearscope.export.comparison import (
+        compare,  # here, as all three import MuJoCo
+        compare_replays,
+    )
     from wearscope.export.formats import write_isaac_lab, write_mjcf, write_urdf
-    from wearscope.export.replay import compare_replays
 
     out = Path(folder)
     compared = load = None

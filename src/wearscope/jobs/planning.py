@@ -6,9 +6,9 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
-from wearscope.closed_loop.names import drawn_path
 from wearscope.config import label
 from wearscope.config.study import StudyConfig
+from wearscope.storage.verdicts import drawn_path
 
 #: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
 CELL_BYTES = 350

@@ -9,8 +9,7 @@ from typing import Any
 from wearscope.config import label
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
-from wearscope.jobs.named_files import NamedDataSet, NamedRobot
-from wearscope.jobs.sources import ROOT, find_script_sources, plugin_file
+from wearscope.jobs.named_files import ROOT, NamedDataSet, NamedRobot, find_script_sources, plugin_file
 from wearscope.plugins import identify_installed, is_built_in, list_installed
 from wearscope.tracking.session_names import Tracked
 

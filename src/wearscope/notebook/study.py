@@ -15,7 +15,8 @@ from wearscope.storage import tables
 from wearscope.storage.files import read_json
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import FigureBase
 
 _KEYS = ("robot", "cycle", "axis", "fda")
 _FIGURES = ("scope", "sensitivity", "snr")
@@ -162,8 +163,15 @@ class Study:
         names = [name for name in design.columns if f"{name}_natural" in design.columns]
         return [_read_factor(design, name) for name in names]
 
-    def plot(self, name: str, *, by: Sequence[str] = ("fda",), factor: str | None = None) -> "Figure":
-        """Draw a figure of the report.
+    def plot(
+        self,
+        name: str,
+        *,
+        by: Sequence[str] = ("fda",),
+        factor: str | None = None,
+        ax: "Axes | None" = None,
+    ) -> "FigureBase":
+        """Draw a figure of the report, or its panels in the place of axes.
 
         Parameters
         ----------
@@ -172,16 +180,19 @@ class Study:
             Columns that form a group: of ``robot``, ``cycle``, ``axis``, ``fda``.
         factor : str, optional
             Nuisance of the scope; the first that was asked for where left out.
+        ax : matplotlib axes, optional
+            Of ``figure.subplots()``; the panels take their place.
 
         Returns
         -------
-        matplotlib.figure.Figure
-            A notebook shows it; ``figure.savefig("snr.svg")`` keeps it.
+        matplotlib figure
+            A notebook shows it; ``figure.savefig("snr.svg")`` keeps it. With `ax`, the part of their figure
+            that has the panels. ``axes`` of either are the panels.
 
         Raises
         ------
         InputError
-            Where there is no such figure, or the study lacks its table.
+            Where there is no such figure, the study lacks its table, or the axes are of no grid.
         """
         from wearscope.reporting.figures import boxes, scope
 
@@ -189,15 +200,15 @@ class Study:
         if not set(_KEYS).issuperset(by):
             raise InputError(f"by: {', '.join(by)} is no grouping; use some of {', '.join(_KEYS)}.")
         if name == "sensitivity":
-            return boxes.draw_sensitivity(self.table("surrogates"), by=by)
+            return boxes.draw_sensitivity(self.table("surrogates"), by=by, figure=_give_place(ax))
         if name == "snr":
-            return boxes.draw_snr(self.snr(), self._rank(by), by)
+            return boxes.draw_snr(self.snr(), self._rank(by), by, _give_place(ax))
         if name == "scope":
             rows = self.scope()
             known = list(dict.fromkeys(rows["factor"]))
             if factor is not None and factor not in known:
                 raise InputError(f"factor: the scope has no '{factor}'; it has {', '.join(known)}.")
-            return scope.draw_scope(rows, factor or known[0], self.factors(), by)
+            return scope.draw_scope(rows, factor or known[0], self.factors(), by, _give_place(ax))
         raise InputError(f"there is no figure '{name}'; choose one of {', '.join(_FIGURES)}.")
 
     def _rank(self, by: Sequence[str]) -> pd.DataFrame:
@@ -206,6 +217,17 @@ class Study:
         ranking = self.ranking()
         grouped = [name for name in ranking.columns if name in _KEYS]
         return ranking if grouped == list(by) else rank_by_median(self.snr(), by=by)
+
+
+def _give_place(ax: "Axes | None") -> "FigureBase | None":
+    """The part of a figure that axes had."""
+    if ax is None:
+        return None
+    figure, place = ax.figure, ax.get_subplotspec()
+    if place is None:
+        raise InputError("ax: these axes have no place in a grid; take some of figure.subplots().")
+    ax.remove()
+    return figure.add_subfigure(place)
 
 
 def _let_notebook_show_figures() -> None:

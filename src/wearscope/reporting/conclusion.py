@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Bound, Conclusion
 from wearscope.evaluation.recommendation import SETTLED
@@ -41,10 +40,9 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
     told = [describe(study, one, pages) for one in shown]
     kinds = [certainty(study, one) for one in shown]
     answer = " ".join([*(say(_WORDS, "answer", one).striptags() for one in told), trust.tell_basis(study)])
-    sure = Markup(" ").join(say(_WORDS, "sure", one) for one in told)
     kind = next(one for one in ("bad", "unsure", "good") if one in kinds)
     caveat = "" if pages else _caveat(study, shown, told)
-    return Strip(answer.strip(), kind, sure, caveat, say(_WORDS, "action", told[0]))
+    return Strip(answer.strip(), kind, say(_WORDS, "sure", told), caveat, say(_WORDS, "action", told[0]))
 
 
 def recommendations(study: Study) -> Sequence[Conclusion]:
@@ -127,18 +125,16 @@ def _caveat(study: Study, shown: Sequence[Conclusion], told: Sequence[SimpleName
 
 
 def tell_withheld(study: Study, one: Conclusion) -> str:
-    """Sentence on a withheld detector with a larger median SNR than the recommended one, or nothing."""
+    """Sentence on a withheld detector that could be deployed and has a larger median SNR, or nothing."""
     if study.rankings is None or not one.detector:
         return ""
     own = study.rankings[study.rankings["robot"] == one.robot].set_index("fda")["median"]
-    better = [name for name in one.withheld if own.get(name, 0.0) > own.get(one.detector, np.inf)]
-    if not better:
-        return ""
-    has, what = ("has", "its surrogate") if len(better) == 1 else ("have", "their surrogates")
-    return (
-        f"{study.join_detectors(better)} {has} a larger signal-to-noise ratio and "
-        f"{'is' if len(better) == 1 else 'are'} withheld: direct simulation contradicts {what}."
-    )
+    better = [
+        name
+        for name in one.withheld
+        if name not in one.upper and own.get(name, 0.0) > own.get(one.detector, np.inf)
+    ]
+    return say(_WORDS, "better", study.join_detectors(better), len(better)).striptags()
 
 
 def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, float] | None:
@@ -167,19 +163,10 @@ def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, fl
 def qualify(study: Study) -> list[str]:
     """What the conclusion leaves open."""
     one = study.conclusions[0]
-    said: list[str] = list(filter(None, [say(_WORDS, "open", describe(study, one))]))
-    if one.upper:
-        said += trust.mismatch_outcome(study, one.upper)
-        names, told = study.join_detectors(one.upper), "is told" if len(one.upper) == 1 else "are told"
-        said.append(
-            f"{names} {told} the friction law that the simulator itself uses: an upper bound, which no "
-            "plant can have. It is neither ranked nor recommended."
-        )
-    if one.withheld:
-        said.append(f"Withheld, as direct simulation contradicts them: {study.join_detectors(one.withheld)}.")
-    elif study.audit is None:
-        said.append("No direct simulation was run to check it.")
-    return said
+    told = describe(study, one)
+    law = [*(trust.mismatch_outcome(study, one.upper) if one.upper else []), say(_WORDS, "bound", told)]
+    checked = say(_WORDS, "checked", told, study.audit is not None)
+    return list(filter(None, [say(_WORDS, "tied", told), say(_WORDS, "ranges", told), *law, checked]))
 
 
 def certainty(study: Study, one: Conclusion) -> str:

@@ -90,7 +90,9 @@ def detection_strip(found: Detections) -> Strip:
     lead = lead_verdicts(judged)
     first, runs = min(lead, key=_ORDER.index), lead.value_counts()
     many, number = count_text(len(lead), "recording"), int(runs[first])
-    scope = f" Judged at {told['joints']} of {count_text(told['of'], 'joint')}, for {told['seconds']:.0f} s."
+    scope = (
+        f" Judged: {told['joints']} of {count_text(told['of'], 'joint')}, {told['seconds']:.0f} s recorded."
+    )
     if found.summary["refused"]:
         scope += f" {count_text(len(found.summary['refused']), 'more recording')} refused."
     kind, sure, caveat = _STRIPS[first]

@@ -43,7 +43,7 @@ _BADGES = {
 #: What the chart draws, by the tables' kinds: names and colours.
 KINDS = {
     "simulated": ("simulated, no wear", "var(--soft)"),
-    "simulated_worn": ("simulated, worn", "var(--c4)"),
+    "simulated_worn": ("simulated, worn", "var(--c2)"),
     "nominal": ("recorded, nominal", "var(--after)"),
     "judged": ("recorded, judged", "var(--before)"),
 }

@@ -19,19 +19,21 @@ from pydantic import TypeAdapter
 from wearscope import limits
 from wearscope.reporting.charts.base import Chart, Source
 from wearscope.reporting.charts.encoding import named, tips
-from wearscope.reporting.labels import count_text, read_detector_names
+from wearscope.reporting.labels import count_text, read_detector_names, upper_first
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.storage import tables
-from wearscope.storage.checksums import ANSWERS, SETTINGS
+from wearscope.storage.checksums import ANSWERS, MADE, SETTINGS, check_answer
 from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
-from wearscope.storage.shown import MADE, check_answer
 from wearscope.storage.verdicts import read_verdict
 
 #: Where a folder of results keeps its answers, those of earlier runs too.
 KEPT = "history.jsonl"
 #: What is followed over time, by kind of page.
-_QUANTITIES = {"diagnosis": "error after the correction", "study": "median signal-to-noise ratio"}
+_QUANTITIES = {
+    "diagnosis": "error on the test runs after the correction",
+    "study": "median signal-to-noise ratio",
+}
 _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "needs attention"}
 
 
@@ -69,8 +71,11 @@ class Answer:
 
 def find_answers(folder: Path) -> list[Answer]:
     """Answers below a folder, newest first: those of its pages, and those that were written over."""
-    pages = [page for page in folder.rglob("report.html") if MADE not in page.parts]
-    found = [one for page in pages if (one := read_answer(folder, page))]
+    found = [
+        one
+        for page in folder.rglob("report.html")
+        if {MADE, "parts"}.isdisjoint(page.relative_to(folder).parts) and (one := read_answer(folder, page))
+    ]
     there = {one.digest for one in found}
     found += [one for one in _read_kept(folder / KEPT) if one.digest not in there]
     return sorted(found, key=lambda one: (one.when, one.name), reverse=True)
@@ -151,17 +156,19 @@ def render_history(folder: Path, found: list[Answer]) -> str:
         }
         for one in found
     ]
-    newest, trend = next((one for one in found if one.path), found[0]), trend_table(found)
+    newest = next((one for one in found if one.path), found[0])
     note = "Newest first; a name leads to its page. One without was written over."
-    sections = [Section("Answers", render_table(rows, note), "answers")]
-    shown = {"trend": trend} if trend["when"].nunique() > 1 else {}
-    if shown:
-        sections.append(Section("Trend", embed_chart(_chart()), "trend"))
+    followed = [rows for _, rows in trend_table(found).groupby("quantity") if rows["when"].nunique() > 1]
+    shown = {f"trend-{k}": rows for k, rows in enumerate(followed)}
+    sections = [
+        Section("Answers", render_table(rows, note), "answers"),
+        Section("Trend", embed_chart(*map(_chart, shown, shown.values())), "trend"),
+    ]
     action = Markup('Open <a href="{}">{}</a>, the newest page.').format(newest.path, newest.name)
     strip = replace(
         newest.strip, action=action if newest.path else "Run the newest one again: its page is gone."
     )
-    subtitle = f"{count_text(len(found), 'page')}, the newest of {newest.when} UTC"
+    subtitle = f"{count_text(len(found), 'answer')}, the newest of {newest.when} UTC"
     return render_page(f"History of {folder.resolve().name}", sections, subtitle, "", (), shown, strip=strip)
 
 
@@ -189,8 +196,8 @@ def _read_values(place: Path, kind: str) -> dict[str, float]:
             joints = read_verdict(place / "verdict.json")["joints"]
             own = {joint: errors.get("rms_after") for joint, errors in joints.items()}
         elif kind == "study":
-            tables.check_unpacked(place / "ranking.parquet")
-            ranking = tables.read_table(place / "ranking.parquet")
+            tables.check_unpacked(place / "rankings.parquet")
+            ranking = tables.read_table(place / "rankings.parquet").query("robot == ''")
             codes = ranking["fda"].astype(str).replace(read_detector_names(place / SETTINGS))
             own = dict(zip(codes, ranking["median"].astype(float), strict=True))
         else:
@@ -200,24 +207,18 @@ def _read_values(place: Path, kind: str) -> dict[str, float]:
         return {}
 
 
-def _chart() -> Chart:
+def _chart(name: str, rows: pd.DataFrame) -> Chart:
+    """One quantity over the times at which it was found, a line a joint or detector."""
+    labels = alt.Axis(labelAngle=-30, labelExpr="slice(datum.label, 5, 16)")
     spec = (
-        named("trend")
+        named(name)
         .mark_line(point=True)
         .encode(
-            x=alt.X("when:O", title=None, axis=alt.Axis(labelAngle=-30)),
+            x=alt.X("when:O", title=None, axis=labels),
             y=alt.Y("value:Q", title=None, scale=alt.Scale(type="symlog")),
-            color=alt.Color("of:N", title=None, legend=alt.Legend(columns=6)),
+            color=alt.Color("of:N", title=None),
             tooltip=tips("when:N; name:N; of:N; value:Q||.4"),
         )
-        .properties(width=520, height=200)
-        .facet(row=alt.Row("quantity:N", title=None))
-        .resolve_scale(y="independent", color="independent")
+        .properties(width="container", height=200)
     )
-    return Chart(
-        "trend-chart",
-        "Errors and signal-to-noise ratios over time",
-        spec,
-        {"trend": Source("trend")},
-        "Errors in the joint's unit of torque, on each diagnosis's own test runs.",
-    )
+    return Chart(f"{name}-chart", upper_first(rows["quantity"].iloc[0]), spec, {name: Source(name)})

@@ -12,11 +12,12 @@ from wearscope.reporting.closed_loop import (
     ClosedLoop,
     against_signal,
     dominant_signals,
+    join_events,
     label_signal,
     name_signal,
     number,
+    render_event_table,
 )
-from wearscope.reporting.events import join_events, render_event_table
 from wearscope.reporting.labels import (
     UNKNOWN,
     count_text,

@@ -3,8 +3,8 @@
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.evaluation.certain_changes import SURE, Reevaluation, best_detectors, judge_detector
-from wearscope.reporting.charts.sides import chart_sides, side_table
+from wearscope.evaluation.reevaluation import SURE, Reevaluation, best_detectors, judge_detector
+from wearscope.reporting.charts.study import chart_sides, side_table
 from wearscope.reporting.labels import count_text, join_words, name_term, with_unit, words
 from wearscope.reporting.page import (
     Section,

@@ -11,8 +11,8 @@ from wearscope.reporting.labels import detector_name, join_words
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
-    from wearscope.evaluation.certain_changes import Reevaluation
     from wearscope.evaluation.conclusion import Conclusion
+    from wearscope.evaluation.reevaluation import Reevaluation
 
 
 @dataclass(frozen=True, kw_only=True)

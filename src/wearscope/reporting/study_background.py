@@ -6,7 +6,7 @@ import pandas as pd
 import yaml
 from markupsafe import Markup
 
-from wearscope.reporting.charts.robots import chart_friction
+from wearscope.reporting.charts.study import chart_friction
 from wearscope.reporting.findings import PAPER_MODULES, Finding
 from wearscope.reporting.labels import COLUMNS, join_words, unit_text, words
 from wearscope.reporting.page import (

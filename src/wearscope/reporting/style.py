@@ -12,8 +12,9 @@ from matplotlib.text import Text
 
 from wearscope.storage import tables
 
-#: Okabe and Ito (2008), colours that people with colour-blindness tell apart; yellow, too faint, left out.
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+#: Okabe and Ito (2008), colours that people with colour-blindness tell apart; yellow, too faint, left out,
+#: and the second blue last.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 WARNING = "#B3261E"
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from wearscope.effects.vocabulary import list_effects
 from wearscope.reporting.charts.base import Chart, Choice, Source
 from wearscope.reporting.charts.encoding import named, tint, tips
-from wearscope.reporting.events import join_events, render_event_table
+from wearscope.reporting.closed_loop import join_events, render_event_table
 from wearscope.reporting.labels import (
     change_name,
     count_text,
@@ -134,16 +134,13 @@ def write_tracking_page(folder: str | Path) -> None:
 def render_tracking(tracking: Tracking) -> str:
     """Page of a tracked machine, with nothing from elsewhere."""
     outcome, names = tracking.outcome, trend_names(tracking)
-    limit = f"+{100 * outcome.get('friction_limit', np.nan):.3g} %"
     trends = [
         {"slope": 100 * one["slope"], "ends": _ends(100 * end for end in one["ci95"])}
         | {"joint": one["joint"], "p": one["p"], "left": tell_left(one)}
         for one in outcome["trends"]
     ]
-    columns = f"joint; slope|slope [% a session]; ends|95 %; p; left|sessions until {limit}"
-    caption = (
-        f"Straight line through the later sessions. The limit of {limit} friction is a setting of tracking."
-    )
+    columns = f"joint; slope|slope [% a session]; ends|95 %; p; left|sessions until {name_limit(outcome)}"
+    caption = "Straight line through the later sessions. friction_limit of tracking sets the limit."
     slopes = render_table(trends, caption, filter_by=JOINT, columns=columns)
     table = trend_table(tracking)
     panels = list_panels(tracking, table)
@@ -240,12 +237,17 @@ def tell_left(trend: Mapping[str, Any]) -> str:
     return interval_text(left, low, high) if left > 0.0 else "reached"
 
 
+def name_limit(outcome: Mapping[str, Any]) -> str:
+    """The rise of friction until which sessions are told, and whether nobody stated it."""
+    assumed = " (an assumed limit)" if outcome.get("friction_limit_assumed") else ""
+    return f"+{100 * outcome.get('friction_limit', np.nan):.3g} % friction{assumed}"
+
+
 def tell_limits(tracking: Tracking, joints: Container[str]) -> str:
     """When the friction of some joints reaches the limit, where it surely rises."""
-    limit = 100 * tracking.outcome.get("friction_limit", np.nan)
     left = {one["joint"]: tell_left(one) for one in tracking.outcome["trends"] if one["joint"] in joints}
     return "".join(
-        f"{joint} reaches +{limit:.3g} % friction in {sessions} sessions at this pace. "
+        f"{joint} reaches {name_limit(tracking.outcome)} in {sessions} sessions at this pace. "
         for joint, sessions in left.items()
         if sessions[0].isdigit()
     )

@@ -8,7 +8,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.labels import PARAMETERS, count_text, factor_name, finite, join_words, words
-from wearscope.reporting.page import format_number, interval_text
+from wearscope.reporting.page import format_number, interval_text, say
 from wearscope.reporting.study import Study
 
 CHOSEN = "chosen"
@@ -151,13 +151,8 @@ def assumed_robots(study: Study) -> list[str]:
 
 def tell_basis(study: Study) -> str:
     """Whether the robots' numbers are given or assumed; empty where the study does not say."""
-    if not study.sources:
-        return ""
-    assumed = assumed_robots(study)
-    if not assumed:
-        return "The robot's numbers are given."
-    which = "the robot" if len(study.sources) == 1 else join_words(assumed)
-    return f"Some numbers of {which} are assumed."
+    told = say("study/strip.html", "basis", len(study.sources), join_words(assumed_robots(study)))
+    return told.striptags()
 
 
 def tell_assumed(study: Study, detector: str) -> str:

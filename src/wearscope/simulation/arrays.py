@@ -40,8 +40,8 @@ def borrow_rows(typingctx, rows):
     return rows(rows) if isinstance(rows, types.ListType) else None, generate
 
 
-#: How functions are compiled that only compiled code calls: wrappers for calls from Python would take as long
-#: to compile as they themselves.
+#: Options for functions that only compiled code calls. They leave out wrappers for calls from Python, which
+#: would double the time of compilation.
 INNER: dict[str, Any] = {
     "error_model": "numpy",
     "forceinline": True,

@@ -6,8 +6,7 @@ from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
-from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.plant import build_plant
+from wearscope.simulation.plant import build_plant, find_step, make_feedforward, make_law
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace, run_motion
 from wearscope.simulation.sensors import record

@@ -14,8 +14,7 @@ from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, is_detectors, set_numbers
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Law
-from wearscope.simulation.controller import find_step, make_feedforward, make_law
-from wearscope.simulation.plant import build_plant
+from wearscope.simulation.plant import build_plant, find_step, make_feedforward, make_law
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import run_motion
 from wearscope.simulation.sensors import find_stride, record
@@ -31,7 +30,7 @@ KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
 #: of memory, says nothing about the point and ends the job.
 PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
-#: Numbers of a robot that are others than its model states.
+#: Numbers of a robot's model that a run changes, each with its new value.
 Numbers = tuple[tuple[Number, float], ...]
 
 

@@ -55,7 +55,8 @@ _TIME = set(
 _SECONDS = set("sec secs second seconds sekunden".split())
 #: Turns by the minute, as drives' makers write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
-#: Units in names, by kind: factor to rad (m), rad/s, N m (N), A; shares of a rated torque are no unit.
+#: Units that columns' names hold, by kind, as factors to rad (m), rad/s, N m (N) and A. A share of a rated
+#: torque is no unit.
 _FACTORS = {
     "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295, "degree": 0.017453292519943295,
     "degrees": 0.017453292519943295, "grad": 0.017453292519943295,
@@ -101,7 +102,7 @@ class Group:
 
     @property
     def units(self) -> list[str]:
-        """Units that the names say, each once."""
+        """Different units that the names hold."""
         return [unit for unit in dict.fromkeys(find_unit(one, self.kind) for one in self.columns) if unit]
 
     @property

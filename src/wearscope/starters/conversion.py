@@ -15,9 +15,15 @@ from wearscope.robots.urdf import movable_joints
 from wearscope.robots.urdf_file import Joint, parse_urdf
 from wearscope.starters.columns import count_numbered, find_groups, name_joints
 from wearscope.starters.figures import take_option
-from wearscope.starters.groups import choose_groups, describe_groups
 from wearscope.starters.held import take_news
-from wearscope.starters.mapped import Mapped
+from wearscope.starters.mapped import (
+    Mapped,
+    Recorded,
+    choose_groups,
+    choose_uses,
+    describe_groups,
+    take_common_rate,
+)
 from wearscope.starters.recordings import open_recordings
 from wearscope.starters.servos import read_raw_units
 from wearscope.starters.stamps import find_clock, find_rate, find_restarts, order_rows, to_seconds
@@ -31,7 +37,6 @@ from wearscope.starters.units import (
     unwrap_counts,
     unwrap_positions,
 )
-from wearscope.starters.uses import Recorded, choose_uses, take_common_rate
 
 
 @dataclass

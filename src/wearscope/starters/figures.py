@@ -1,12 +1,18 @@
-"""Figures of a robot by joint, each with where it is from: given, or assumed."""
+"""Figures of a robot by joint, each with where it is from: given, or assumed.
+
+Acceleration limits are those at which its drives carry it through every test-cycle.
+
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from wearscope.cycles.base import Reference, find_coarse_step, list_cycles, load_cycle, required_torque
 from wearscope.errors import InputError
+from wearscope.robots.model import RobotModel, make_model
 from wearscope.robots.spatial import Array
 
 
@@ -86,3 +92,97 @@ def choose(*sources: Figures | None) -> Figures:
 def round_figures(values: Any) -> list[float]:
     """Six digits of each, as model files hold them."""
     return [float(f"{value:.6g}") for value in np.asarray(values, dtype=float)]
+
+
+START_TIME = 0.2  # s from rest to the speed limit, at least
+JERK_RATE = 10.0  # 1/s
+# A study's usual extremes, within which every test-cycle must stay in the limits.
+TEMPERATURES, WEAR, PAYLOAD_ERROR = (30.0, 70.0), 50.0, 0.12
+ROOM = 0.9  # of the torque limit
+SLOWER, SLOWEST = 0.8, 11  # share of the acceleration a step, steps at most
+
+
+def fit_to_cycles(
+    fields: dict[str, Any],
+    text: str,
+    figures: dict[str, Figures],
+    accelerations: Sequence[float],
+    holding: Array,
+    inertia: Array,
+) -> tuple[RobotModel, list[str]]:
+    """Give a model acceleration limits at which every test-cycle stays within the torque limits.
+
+    Parameters
+    ----------
+    fields : dict
+        Content of the model file; its limits are set.
+    text : str
+        Normalised URDF.
+    figures : dict of str to Figures
+        ``acceleration_limit`` is added; ``torque_limit`` is raised where slow motions need more.
+    accelerations : sequence of float
+        Stated limits; empty where none are.
+    holding, inertia : array (n,)
+        Largest torque at rest and inertia of the arm.
+
+    Returns
+    -------
+    RobotModel
+    list of str
+        Torque limits that were raised.
+    """
+    speed, torque = figures["speed_limit"].values, figures["torque_limit"]
+    friction = figures["coulomb"].values + figures["viscous"].values * speed
+    left = np.maximum(torque.values - holding - friction, 0.2 * torque.values)
+    total = inertia + figures["rotor_inertia"].values
+    option = take_option("acceleration-limit", accelerations, len(speed), positive=True)
+    first = np.minimum(0.7 * left / total, speed / START_TIME) if option is None else option.values
+    drive = fields["drive"]
+    steps = SLOWEST if option is not None else 0
+    limits = first
+    while True:
+        drive["acceleration_limit"] = round_figures(limits)
+        drive["jerk_limit"] = round_figures(JERK_RATE * limits)
+        model = make_model(fields, text, fields["name"])
+        torque = figures["torque_limit"]
+        moving, still = _find_peaks(model)
+        over = moving > ROOM * torque.values
+        if np.any(over) and steps < SLOWEST:
+            # What motion adds to the torque along the same path goes with the acceleration.
+            room = (ROOM * torque.values - still)[over] / (moving - still)[over]
+            needed = np.log(max(float(room.min()), 1e-9)) / np.log(SLOWER)
+            steps = min(SLOWEST, steps + int(np.ceil(needed)))
+            limits = SLOWER**steps * first
+            continue
+        raised = np.where(over, moving / ROOM, torque.values)
+        notes = [
+            f"joint '{model.joints[k]}': the torque limit {torque.values[k]:.4g} ({torque.origins[k]}) "
+            f"does not carry the arm through the test-cycles; {raised[k]:.4g} was assumed, so state "
+            "the real one with --torque-limit, or a lighter --payload."
+            for k in np.flatnonzero(over)
+        ]
+        if np.any(over):
+            figures["torque_limit"] = torque.replace(raised, lambda k: "assumed: what the test-cycles need")
+            drive["torque_limit"] = round_figures(raised)
+        break
+    why = f"every test-cycle stays within {100 * ROOM:g} % of the torque limit"
+    figures["acceleration_limit"] = option or assume(limits, why)
+    fields["home"] = round_figures(model.home_posture)
+    return make_model(fields, text, fields["name"]), notes
+
+
+def _find_peaks(model: RobotModel) -> tuple[Array, Array]:
+    """Largest torques (n,) along the test-cycles at a study's extremes: in motion, and all but at rest."""
+    moving, still = np.zeros(model.n), np.zeros(model.n)
+    for name in list_cycles():
+        seen = load_cycle(name).build(model, 0.05, find_coarse_step(model))
+        rest = replace(seen, v=1e-6 * seen.v, a=0.0 * seen.a)
+        for factor in (1.0 - PAYLOAD_ERROR, 1.0 + PAYLOAD_ERROR):
+            still = np.maximum(still, np.abs(_torque(rest, model, TEMPERATURES[0], factor)).max(axis=0))
+            for temperature in TEMPERATURES:
+                moving = np.maximum(moving, np.abs(_torque(seen, model, temperature, factor)).max(axis=0))
+    return moving, still
+
+
+def _torque(reference: Reference, model: RobotModel, temperature: float, factor: float) -> Array:
+    return required_torque(reference, model, temperature, WEAR, factor)

@@ -1,4 +1,4 @@
-"""Columns that are new less often than there are rows: held over several rows, or blank in between."""
+"""Columns with fewer values than rows: a value is repeated over rows, or the rows between are blank."""
 
 from collections.abc import Mapping, Sequence
 

@@ -10,13 +10,21 @@ import numpy as np
 
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
-from wearscope.robots.friction_law import SOURCE, friction_from_efficiency, scale_friction_law
+from wearscope.robots.friction import SOURCE, friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
-from wearscope.starters.figures import Figures, assume, choose, round_figures, take_option
-from wearscope.starters.limits import START_TIME, fit_to_cycles
+from wearscope.starters.figures import (
+    START_TIME,
+    Figures,
+    assume,
+    choose,
+    fit_to_cycles,
+    round_figures,
+    take_option,
+)
+from wearscope.starters.writing import fill_template
 from wearscope.storage.files import copy_file
 
 # Beyond these nothing is a robot's joint [rad or m; per s].
@@ -330,3 +338,39 @@ def copy_urdf(urdf: str | Path, folder: Path) -> None:
     target = folder / "robot.urdf"
     if Path(urdf).resolve() != target.resolve():
         copy_file(urdf, target)
+
+
+_UNITS = {
+    "gear_ratio": "motor rad per joint unit",
+    "rotor_inertia": "at the joint, kg m^2 (kg)",
+    "torque_limit": "N m (N)",
+    "speed_limit": "rad/s (m/s)",
+    "acceleration_limit": "rad/s^2 (m/s^2)",
+}
+
+
+def write_model_text(
+    model: RobotModel, figures: Mapping[str, Figures], urdf: str, payload_given: bool, gravity_given: bool
+) -> str:
+    """Content of ``model.yaml``.
+
+    Parameters
+    ----------
+    model : RobotModel
+    figures : mapping of str to Figures
+        By field of the drive.
+    urdf : str
+        Where the URDF came from.
+    payload_given, gravity_given : bool
+    """
+    drive = {key: (unit, figures[key].describe(model.joints)) for key, unit in _UNITS.items()}
+    jerk = ("rad/s^3 (m/s^3)", "assumed: 10 1/s times the acceleration limit")
+    return fill_template(
+        "model.yaml",
+        model=model,
+        drive=drive | {"jerk_limit": jerk},
+        urdf=urdf,
+        usual=USUAL,
+        payload_given=payload_given,
+        gravity_given=gravity_given,
+    )

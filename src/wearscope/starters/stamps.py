@@ -11,7 +11,7 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.starters.columns import find_time, says_time, split_name
 
-#: Seconds in units that recorders write.
+#: Units of time stamps, in seconds.
 _DAY = 86400.0
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": _DAY}
 #: What else a column's name calls them.

@@ -13,8 +13,7 @@ from wearscope.robots.spatial import Array, unwrap_turns
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint
 from wearscope.starters.columns import SHARES, Group, split_name
 from wearscope.starters.figures import Figures, take_option
-from wearscope.starters.groups import choose_groups
-from wearscope.starters.mapped import Mapped
+from wearscope.starters.mapped import Mapped, choose_groups
 
 
 @dataclass(frozen=True)

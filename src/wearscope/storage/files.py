@@ -43,7 +43,7 @@ class DamagedFile(InputError):
 
 
 def check_folder(path: str | Path) -> None:
-    """Refuse a path that no folder can be made at, as it or a part of it is something else.
+    """Refuse a path at which no folder can be made, because a file or a broken link is in the way.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def explain_unwritten(path: str | Path, error: OSError) -> InputError:
     if error.errno not in FULL:
         told = error.strerror or error
         return InputError(f"{path}: cannot be written ({told}); free disk space or choose another place.")
-    place = Path(error.filename2 or error.filename or path).absolute()  # of a copy, the target
+    place = Path(error.filename2 or error.filename or path).absolute()  # filename2: the target of a copy
     while not place.exists() or (not os.path.ismount(place) and place != place.parent):
         place = place.parent
     return InputError(f"{path}: the disk at {place} is full ({error.strerror}); free disk space there.")

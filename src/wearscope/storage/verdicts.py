@@ -1,4 +1,4 @@
-"""``verdict.json`` as those read it who compare and list loops, also of someone else."""
+"""``verdict.json`` as those read it who compare and list loops, also of someone else; files next to it."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,8 +7,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from wearscope import limits
 from wearscope.errors import InputError
+from wearscope.storage.checksums import check_shown
 from wearscope.storage.files import read_json
-from wearscope.storage.shown import check_shown
 
 
 def _refuse_text(value: Any) -> Any:
@@ -74,3 +74,8 @@ def check_verdict(content: Any, where: str) -> dict[str, Any]:
         told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
         raise InputError(f"{where}: is no verdict ({place}: {told}); make it again.") from None
     return dict(content)
+
+
+def drawn_path(stage: str, number: int) -> str:
+    """Path of a drawn model in the folder of its loop; `stage` is before or after, `number` from 1."""
+    return f"drawn/{stage}-{number:02d}.yaml"

@@ -27,8 +27,7 @@ from wearscope.tracking.evidence import (
 )
 from wearscope.tracking.rows import RunRows, make_rows
 from wearscope.tracking.session_names import Sessions
-from wearscope.tracking.session_runs import Frame
-from wearscope.tracking.sessions import read_reference
+from wearscope.tracking.session_runs import Frame, read_reference
 from wearscope.tracking.structure import Belief, Scales, Structure
 from wearscope.tracking.tracked_model import make_healthy_model
 

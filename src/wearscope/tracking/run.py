@@ -78,7 +78,7 @@ def join_sessions(
     records: Sequence[str | Path],
     folder: str | Path,
     level: float = FALSE_ALARM_RATE,
-    limit: float = FRICTION_LIMIT,
+    limit: float | None = None,
     effects: Sequence[str] = (),
     allow_code: bool = False,
 ) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def track(
     folder: str | Path,
     policy: Policy | None = None,
     level: float = FALSE_ALARM_RATE,
-    limit: float = FRICTION_LIMIT,
+    limit: float | None = None,
     progress: Say = lambda _: None,
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
@@ -111,8 +111,9 @@ def track(
         As of `wearscope.closed_loop.diagnosis.diagnose`.
     level : float
         False-alarm rate of a session, over all joints and changes.
-    limit : float
-        Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told.
+    limit : float, optional
+        Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told;
+        `FRICTION_LIMIT`, marked as assumed, where left out.
 
     Returns
     -------
@@ -143,7 +144,7 @@ def tell_changes(record: dict[str, Any]) -> str:
 
 def write_tracking(
     sessions: Sessions, reference: Reference, healthy: Sequence[dict[str, Any]],
-    records: Sequence[dict[str, Any]], folder: str | Path, level: float, limit: float,
+    records: Sequence[dict[str, Any]], folder: str | Path, level: float, limit: float | None,
 ) -> dict[str, Any]:  # fmt: skip
     """Write ``changes.parquet``, ``model_tracked.yaml``, then ``tracking.json``; records in any order."""
     by_name = {record["session"]: record for record in records}
@@ -160,7 +161,8 @@ def write_tracking(
         "dataset_digest": digest_dataset(sessions.folder, load_fields(sessions.folder / "dataset.yaml")),
         "reference": list(reference.sessions),
         "false_alarm_rate": level,
-        "friction_limit": limit,
+        "friction_limit": limit or FRICTION_LIMIT,
+        "friction_limit_assumed": limit is None,
         "reference_scatter": reference.scattering,
         "sessions": [
             {
@@ -170,7 +172,7 @@ def write_tracking(
             }
             for k, record in enumerate(later)
         ],
-        "trends": list_trends(reference.structure.joints, later, limit),
+        "trends": list_trends(reference.structure.joints, later, limit or FRICTION_LIMIT),
         "wear": worn,
         "healthy": describe_reference(reference, healthy),
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],

@@ -13,9 +13,10 @@ from wearscope.tracking.evidence import SURE, Evidence, Fit
 _STEPS, _TRIED = 30, 8
 #: Loss over that of healthy sessions from which a joint is unexplained.
 _FAR = 4.0
-#: Least RMS torque of a change, as a share of the joint's friction, and of its torque for any other change.
+#: Least RMS torque of a change: of friction as a share of the joint's friction, of anything else as a share
+#: of the joint's torque.
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
-#: p-value of no change from which it may be none; standard errors that a place may be off.
+#: p-value above which a change may be none; how far a body's place may be off, in standard errors.
 _CHANCE, _SURE = 0.05, 2.0
 #: RMS torque of two changes together, as a share of the smaller one's, below which they cancel.
 _CANCEL = 0.5

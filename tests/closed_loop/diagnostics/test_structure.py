@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import signal
+from noises import coloured, drift, heavy, slow, white
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.residual_tests import (
@@ -26,30 +26,6 @@ SMALL = {"runs": 4, "duration": 10.0}
 def leave(torque):
     """A residual that counts everywhere, of a run of its own."""
     return Residual(SimpleNamespace(file=object()), torque, np.ones(len(torque), dtype=bool))
-
-
-def white(t, q, v, a, rng):
-    return 0.0 * q
-
-
-def coloured(t, q, v, a, rng):
-    """Remembers 60 ms."""
-    return signal.lfilter(
-        [0.3], [1.0, -np.exp(-1 / (200 * 0.06))], 4.0 * rng.standard_normal(q.shape), axis=0
-    )
-
-
-def slow(t, q, v, a, rng):
-    """Remembers a second."""
-    return signal.lfilter([0.07], [1.0, -np.exp(-1 / 200)], 10.0 * rng.standard_normal(q.shape), axis=0)
-
-
-def drift(t, q, v, a, rng):
-    return 0.05 * np.cumsum(rng.standard_normal(q.shape), axis=0)
-
-
-def heavy(t, q, v, a, rng):
-    return 0.8 * rng.standard_t(3, q.shape)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from noises import coloured, drift, heavy, slow, white
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -33,28 +34,6 @@ def dragging(t, q, v, a, rng):
     """A torque by another joint's position, with a hum of its size."""
     hum = np.sin(2 * np.pi * 3.1 * t + rng.uniform(0, 6))
     return np.column_stack([1.2 * np.sin(2.0 * q[:, 1]) + hum, 0.0 * t])
-
-
-def white(t, q, v, a, rng):
-    return 0.0 * q
-
-
-def coloured(t, q, v, a, rng):
-    """Remembers 60 ms."""
-    return signal.lfilter([0.3], [1.0, -np.exp(-1 / 12)], 4.0 * rng.standard_normal(q.shape), axis=0)
-
-
-def slow(t, q, v, a, rng):
-    """Remembers a second, as the motion does."""
-    return signal.lfilter([0.07], [1.0, -np.exp(-1 / 200)], 10.0 * rng.standard_normal(q.shape), axis=0)
-
-
-def drift(t, q, v, a, rng):
-    return 0.05 * np.cumsum(rng.standard_normal(q.shape), axis=0)
-
-
-def heavy(t, q, v, a, rng):
-    return 0.8 * rng.standard_t(3, q.shape)
 
 
 def hum(t, q, v, a, rng):

@@ -9,9 +9,9 @@ import numpy as np
 from wearscope.closed_loop.diagnostics.plan import with_runs
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals
-from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import reduce_columns
 from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
 #: Shapes of a name, of those that its search starts from, that represent all of them.

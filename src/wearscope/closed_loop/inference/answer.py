@@ -16,7 +16,7 @@ from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.splines import PAST, Splines
 from wearscope.closed_loop.inference.term import Term
-from wearscope.closed_loop.model.candidates import make_candidate
+from wearscope.closed_loop.model.terms import make_candidate
 from wearscope.effects.base import MeasurementEffect
 
 #: Times that names and reversals are settled by turns.

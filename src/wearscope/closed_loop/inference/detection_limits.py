@@ -8,7 +8,7 @@ from wearscope.closed_loop.inference.moves import SURELY
 from wearscope.closed_loop.inference.offers import list_candidates, list_subsets
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.term import Term
-from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.model.terms import Candidate
 from wearscope.effects.base import MeasurementEffect
 
 #: Share of a joint's torque (RMS) from which a limit is told in words.

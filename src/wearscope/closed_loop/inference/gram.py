@@ -13,8 +13,8 @@ import numpy as np
 
 from wearscope.closed_loop.inference.layout import Layout
 from wearscope.closed_loop.inference.term import Term
-from wearscope.closed_loop.model.candidates import Candidate
 from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
+from wearscope.closed_loop.model.terms import Candidate
 
 #: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
 _TINY = 1e-10

@@ -26,7 +26,7 @@ from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.rough_model import fit_bounded
 from wearscope.closed_loop.intake.threads import map_runs
-from wearscope.closed_loop.model.candidates import reduce_columns
+from wearscope.closed_loop.model.terms import reduce_columns
 from wearscope.effects.base import Effect
 
 #: Signals of a law.

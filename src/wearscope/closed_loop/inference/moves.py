@@ -15,7 +15,7 @@ from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
-from wearscope.closed_loop.model.candidates import make_candidate
+from wearscope.closed_loop.model.terms import make_candidate
 
 #: Offers that are scored at each step, of what gains most on the rows it is fitted on.
 TOP = 8

@@ -8,7 +8,7 @@ import numpy as np
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.term import Term
-from wearscope.closed_loop.model.candidates import Candidate
+from wearscope.closed_loop.model.terms import Candidate
 from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.

@@ -16,11 +16,10 @@ from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import low_pass, rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals
-from wearscope.closed_loop.model.candidates import Candidate, make_candidate
 from wearscope.closed_loop.model.declared import declared_terms
 from wearscope.closed_loop.model.inertials import inertial_penalty
 from wearscope.closed_loop.model.joint_flexibility import PASSES, take_out_swing
-from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.model.terms import Candidate, ModelTerm, make_candidate
 from wearscope.effects.base import (
     Effect,
     MeasurementEffect,

@@ -18,7 +18,7 @@ from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.rough_model import fit_rough, rough_columns
 from wearscope.closed_loop.intake.threads import map_runs
-from wearscope.closed_loop.model.candidates import make_candidate, reduce_columns
+from wearscope.closed_loop.model.terms import make_candidate, reduce_columns
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
 
 #: Step of the logarithm of a width for its derivative; steps taken; largest one; smallest one worth taking.

@@ -12,9 +12,9 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
 from wearscope.closed_loop.intake.threads import map_runs
-from wearscope.closed_loop.model.candidates import Candidate, reduce_columns
 from wearscope.closed_loop.model.regression import penalise
 from wearscope.closed_loop.model.room import MadeRows, Room
+from wearscope.closed_loop.model.terms import Candidate, reduce_columns
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, list_signals
 from wearscope.effects.vocabulary import empirical_effect

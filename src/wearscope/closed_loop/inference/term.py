@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wearscope.closed_loop.model.candidates import Candidate
-from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.model.terms import Candidate, ModelTerm
 from wearscope.effects.base import Effect
 from wearscope.effects.unknown import SLOW, list_signals
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
-from wearscope.closed_loop.model.consistency import nearest_consistent
 from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.estimation import Estimate
+from wearscope.closed_loop.model.inertials import nearest_consistent
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, make_model, save_model

@@ -6,9 +6,8 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.blocks import Block
-from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.regression import ROUNDS, SETTLED, Regression
-from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.model.terms import ModelTerm, reduce_columns
 from wearscope.effects.base import Effect, RigidBodyEffect, Signals
 
 

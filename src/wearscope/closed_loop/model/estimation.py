@@ -7,11 +7,10 @@ from scipy import stats
 
 from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.model.blocks import make_folds
-from wearscope.closed_loop.model.candidates import reduce_columns
 from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.joint_flexibility import make_instruments
 from wearscope.closed_loop.model.regression import Regression
-from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.closed_loop.model.terms import ModelTerm, reduce_columns
 from wearscope.effects.vocabulary import plain_friction
 
 #: Information on a spline's height below which nothing is known of it, over that on its best known one.

@@ -235,8 +235,8 @@ def _find_limit(size: np.ndarray) -> float:
 def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) -> list[slice]:
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
 
-    A longer one may be of several that a filter's ringing joins: it is cut half way between those of its
-    parts that are loud next to its largest size, where none of these is longer than an event.
+    A longer stretch may be several events that a filter's ringing joins. It is cut half way between its loud
+    parts, which are near its largest size, if each of these is no longer than an event.
     """
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
 

@@ -1,4 +1,4 @@
-"""Columns that are made again when they are asked for, where there is no room to keep them."""
+"""Columns that are kept while memory allows it, and computed again at each use where it does not."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Room:
-    """Memory that columns may take: those that come first stay, and of the others the last ones made.
+    """Memory that columns may take: the first ones stay; of the others only those computed last.
 
     Parameters
     ----------

@@ -30,10 +30,12 @@ def detector_rows(names: Mapping[str, str]) -> alt.Y:
 
 
 def detector_axis(names: Mapping[str, str]) -> alt.Axis:
-    """Axis on top with the detectors' names, a word a line."""
+    """Axis on top with the detectors' names, a word a line; their letters where columns are narrow."""
     lines = max((name.count(" ") for name in names.values()), default=0)
-    expression = f"split({_name_labels(names)}, ' ')"
-    return alt.Axis(orient="top", labelAngle=0, labelExpr=expression, labelPadding=4 + 15 * lines)
+    narrow = f"width < {75 * len(names)}"
+    expression = f"{narrow} ? datum.label : split({_name_labels(names)}, ' ')"
+    room = alt.expr(f"{narrow} ? 4 : {4 + 15 * lines}")
+    return alt.Axis(orient="top", labelAngle=0, labelExpr=expression, labelPadding=room)
 
 
 def offset(field: str, values: Any) -> alt.YOffset:

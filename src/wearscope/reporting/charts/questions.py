@@ -114,23 +114,20 @@ def chart_snr(study: Study) -> Chart:
     robots = sorted(study.snr["robot"].unique())
     tints = {robot: f"var(--c{k % 6})" for k, robot in enumerate(robots)}
     tints.setdefault(together(study), "var(--ink)")
-    y = detector_rows(study.detector_names())
-    look: dict[str, Any] = {"y": y, "yOffset": offset("robot:N", tints), "color": tint("robot:N", tints)}
+    look: dict[str, Any] = {"y": detector_rows(study.detector_names())}
+    look |= {"yOffset": offset("robot:N", tints), "color": tint("robot:N", tints)}
     cells = named("snr").transform_filter(f"!({_is_upper(study)})").mark_circle(opacity=0.6)
     points = cells.encode(x=symlog("snr:Q", "signal-to-noise ratio"), tooltip=cell_tips(_SNR), **look)
     told = "fda:N|detector; robot:N; median:Q|median SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; rank:Q"
-    ranks = named("rankings").encode(tooltip=tips(told))
-    ranked = ranks.transform_filter("datum.rank > 0").encode(**look)
-    bound = (
-        ranks.transform_filter(f"!(datum.rank > 0) && datum.robot === {json.dumps(together(study))}")
-        .mark_rule(strokeDash=[6, 4], strokeWidth=2, color="var(--soft)")
-        .encode(x="median:Q", y=y)
-    )
-    spans = ranked.mark_rule(strokeWidth=5, opacity=0.35).encode(x="low:Q", x2="high:Q")
-    medians = ranked.mark_tick(thickness=3, size=14).encode(x="median:Q")
+    ranks = named("rankings").encode(tooltip=tips(told), **look)
+    dash = alt.condition(_is_upper(study), alt.value([4, 3]), alt.value([1, 0]))
+    spans = ranks.mark_rule(strokeWidth=5, opacity=0.35).encode(x="low:Q", x2="high:Q", strokeDash=dash)
+    medians = ranks.mark_tick(thickness=3, size=14).encode(x="median:Q")
     zero = alt.Chart(alt.InlineData([{"snr": 0}])).mark_rule(color="var(--soft)").encode(x="snr:Q")
-    spec = alt.layer(zero, points, spans, medians, bound)
-    upper = " Dashed: an upper bound; it is told the simulator's own law." if study.upper() else ""
+    spec = alt.layer(zero, points, spans, medians)
+    upper = (
+        " Dashed: an upper bound, told the simulator's own law; its cells are below." if study.upper() else ""
+    )
     return Chart(
         "snr",
         "Signal-to-noise ratio of every cell",
@@ -151,7 +148,7 @@ def chart_snr_cells(study: Study) -> Chart:
     ends, tints = ([0.0, most], ["#f1f1f0", "#2166ac"])
     if (own < 0).any():
         ends, tints = ([-most, *ends], ["#b35806", *tints])
-    legend = alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '~s' : '~g')")
+    legend = alt.Legend(labelExpr="format(datum.value, abs(datum.value) >= 1000 ? '.2~s' : '.3~g')")
     scale = alt.Scale(type="symlog", domain=ends, range=tints, clamp=True)
     colour = alt.Color("snr:Q", title="SNR", scale=scale, legend=legend)
     cells = base.mark_rect().encode(

@@ -1,14 +1,20 @@
-"""Tables that the charts of a study draw, and the words for what a reader chooses."""
+"""Tables that the charts of a study draw, the words for what a reader chooses, and two small charts.
 
-from collections.abc import Mapping
+One has the robots' friction; the other a number of each thing on two or three sides: studies,
+loops, or models before and after.
+"""
+
+from collections.abc import Mapping, Sequence
 from functools import cache
 
+import altair as alt
 import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.recommendation import choose_method
 from wearscope.evaluation.scope import count_scope
-from wearscope.reporting.charts.base import CELL_KEYS, Choice, round_digits
+from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source, round_digits
+from wearscope.reporting.charts.encoding import add_zoom, named, offset, rows, symlog, tint, tips
 from wearscope.reporting.labels import (
     factor_label,
     factor_name,
@@ -161,7 +167,8 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     """ROC of every cell in natural units, and what a reader chooses of it.
 
     Columns: the keys, ``change`` (of wear), ``p_f``, ``p_d``, ``threshold``, ``place``, ``case`` (factor and
-    its variation). The choices begin nearest to the conclusion's, in the middle where there is none.
+    its variation). The choices begin nearest to the conclusion's variation, in the middle where there is
+    none, and at the change of wear that tells detectors best apart.
     """
     rows, fault = study.detection, study.factor("f")
     assert rows is not None
@@ -179,12 +186,14 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
         case=[keys[pair] for pair in pairs],
     )
     changes = sorted(set(change))
-    asked, factor, change_first = None, next(iter(keys))[0], changes[len(changes) // 2]
-    if study.conclusions and study.conclusions[0].bounds:
-        asked = study.conclusions[0].bounds[0]
-        factor, change_first = asked.factor, _nearest(changes, study.conclusions[0].wear)
+    asked = study.conclusions[0].bounds if study.conclusions else []
+    factor = asked[0].factor if asked else next(iter(keys))[0]
     own = [size for name, size in keys if name == factor]
-    first = _nearest(own, asked.sigma) if asked else own[len(own) // 2]
+    first = _nearest(own, asked[0].sigma if asked else float(np.median(own)))
+    near = table["p_f"] == _nearest(sorted(set(table["p_f"])), study.config["scope"]["p_f"])
+    shown = table[near & (table["case"] == keys[factor, first])]
+    medians = shown.groupby(["change", "fda"])["p_d"].median().unstack("fda")
+    spread = medians.drop(columns=study.upper(), errors="ignore").var(axis=1, ddof=0).fillna(0.0)
     texts = [
         (key, f"{factor_name(one)}, σ = {quantity_text(size, one.unit)}")
         for one, size, key in ((study.factor(name), size, key) for (name, size), key in keys.items())
@@ -192,7 +201,7 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     sizes = [(one, quantity_text(one, fault.unit, 3)) for one in changes]
     return table, [
         Choice("case", "Varying", texts, keys[factor, first]),
-        Choice("change", "Change of wear", sizes, change_first, slides=True),
+        Choice("change", "Change of wear", sizes, spread.idxmax(), slides=True),
     ]
 
 
@@ -202,3 +211,70 @@ def _shorten(values: pd.Series) -> list[float]:
 
 def _nearest(values: list[float], wanted: float) -> float:
     return min(values, key=lambda value: abs(value - wanted))
+
+
+def chart_friction(table: pd.DataFrame) -> Chart:
+    """Friction of a joint over speed at several temperatures and wear levels."""
+    unit = sorted(table["torque_unit"].unique())[0]
+    tints = alt.Scale(range=["var(--c0)", "var(--c5)", "var(--c1)"])
+    lines = named("friction").mark_line()
+    drawn = lines.encode(
+        x=alt.X(
+            "speed:Q",
+            title=f"joint speed [{table['speed_unit'].iloc[0]}]",
+            scale=alt.Scale(type="log", nice=False),
+            axis=alt.Axis(tickCount=5, format="~g"),
+        ),
+        y=alt.Y("torque:Q", title=f"friction torque [{unit}]", scale=alt.Scale(zero=False)),
+        color=alt.Color("temperature:O", title="temperature [°C]", scale=tints),
+        strokeDash=alt.StrokeDash("wear:O", title="wear"),
+        tooltip=tips("speed:Q||.3; torque:Q||.4; temperature:O|temperature [°C]; wear:O"),
+    )
+    spec, fields = add_zoom(drawn.properties(width="container", height=320), "speed", "torque")
+    return Chart(
+        "friction",
+        "Friction over speed",
+        spec,
+        {"friction": Source("friction", {"robot": "robot", "joint": "joint"})},
+        "As the robot's model has it.",
+        [Choice("joint", "Joint", [(name, words(name)) for name in table["joint"].unique()])],
+        ["robot"],
+        zoom=fields,
+    )
+
+
+_TINTS = ("var(--before)", "var(--after)", "var(--ink)")
+
+
+def side_table(sides: dict[str, pd.DataFrame], thing: str, value: str) -> pd.DataFrame:
+    """Rows of all sides: ``side``, ``thing``, ``value``, ``low``, ``high``; its ends where a side has them.
+
+    Parameters
+    ----------
+    sides : mapping of str to DataFrame
+        By name; the ends of a value's interval are called ``<value>_low`` and ``<value>_high``.
+    thing, value : str
+        Columns.
+    """
+    names = {thing: "thing", value: "value", f"{value}_low": "low", f"{value}_high": "high"}
+    parts = [
+        frame.reindex(columns=list(names)).rename(columns=names).assign(side=side)
+        for side, frame in sides.items()
+    ]
+    return pd.concat(parts, ignore_index=True).astype({"value": float, "low": float, "high": float})
+
+
+def chart_sides(names: Sequence[str], title: str, quantity: str, thing: str, caption: str) -> Chart:
+    """Values of the table ``sides`` (see `side_table`), with their intervals where there are some."""
+    tints = dict(zip(names, _TINTS, strict=False))
+    base = named("sides").encode(
+        y=rows("thing:N", 220),
+        yOffset=offset("side:N", names),
+        color=tint("side:N", tints, legend=alt.Legend(labelLimit=260, columns=1)),
+        tooltip=tips(f"thing:N|{thing}; side:N|in; value:Q|{quantity}|.4; low:Q|95 % from|.4; high:Q|to|.4"),
+    )
+    spans = base.transform_filter("isValid(datum.low)").mark_rule(strokeWidth=4, opacity=0.4)
+    points = base.mark_circle(size=70, opacity=1).encode(x=symlog("value:Q", quantity))
+    spec = alt.layer(spans.encode(x="low:Q", x2="high:Q"), points)
+    spec = spec.properties(width="container", height={"step": 14})
+    return Chart("sides-chart", title, spec, {"sides": Source("sides")}, caption)

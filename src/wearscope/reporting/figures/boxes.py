@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
 from wearscope.reporting.labels import count_text, finite, group_name, split_groups, term_label
@@ -18,8 +18,11 @@ MOST = 12
 
 
 def draw_sensitivity(
-    surrogates: pd.DataFrame, model: str = "simplified", by: Sequence[str] = ("fda",)
-) -> Figure:
+    surrogates: pd.DataFrame,
+    model: str = "simplified",
+    by: Sequence[str] = ("fda",),
+    figure: FigureBase | None = None,
+) -> FigureBase:
     """Box plots of the normalised coefficients (8) of every group of cells.
 
     Parameters
@@ -29,6 +32,8 @@ def draw_sensitivity(
     model : str
     by : sequence of str
         Keys that form a group; at most `MOST` groups are drawn, the title says so where there are more.
+    figure : matplotlib figure, optional
+        An empty one, or a part of one, to draw in.
     """
     rows = surrogates[(surrogates["model"] == model) & (surrogates["term"] != "1")]
     terms = list(dict.fromkeys(rows["term"]))
@@ -36,7 +41,7 @@ def draw_sensitivity(
     shown = groups[:MOST]
     tints = colours([name for name, _ in groups])
     with figure_style():
-        figure = new_figure(10.0, 0.9 + 1.9 * len(shown))
+        figure = figure or new_figure(10.0, 0.9 + 1.9 * len(shown))
         axes = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
         for ax, (name, group) in zip(axes, shown, strict=True):
             _draw_terms(ax, name, group, terms, tints[name])
@@ -83,7 +88,12 @@ def _label_parts(axes: Sequence[Axes], terms: Sequence[str]) -> None:
             ax.axvline(places[0] - 0.5, color="#bbbbbb", lw=0.7, zorder=0)
 
 
-def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda",)) -> Figure:
+def draw_snr(
+    snr: pd.DataFrame,
+    ranking: pd.DataFrame,
+    by: Sequence[str] = ("fda",),
+    figure: FigureBase | None = None,
+) -> FigureBase:
     """Box plots of the SNR (11) with every cell, and median and rank with their intervals.
 
     Parameters
@@ -92,12 +102,13 @@ def draw_snr(snr: pd.DataFrame, ranking: pd.DataFrame, by: Sequence[str] = ("fda
         The keys, ``snr``, ``status``.
     ranking : DataFrame
         From `wearscope.evaluation.ranking.rank_by_median` over the same groups.
-    by : sequence of str
+    by, figure
+        As in `draw_sensitivity`.
     """
     groups = dict(split_groups(snr, by))
     tints = colours(list(groups))
     with figure_style():
-        figure = new_figure(10.0, 1.0 + 0.32 * len(groups) if len(groups) > 8 else 4.2)
+        figure = figure or new_figure(10.0, 1.0 + 0.32 * len(groups) if len(groups) > 8 else 4.2)
         boxes, medians, ranks = figure.subplots(1, 3, width_ratios=[2.4, 1.2, 0.8])
         _draw_cells(boxes, groups, tints)
         names = [group_name(by, [row[name] for name in by]) for _, row in ranking.iterrows()]

@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,15 +26,23 @@ METHOD_NAMES = {"exact": "closed form", "kde": "Monte Carlo, KDE"}
 
 
 def draw_scope(
-    scope: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
-) -> Figure:
+    scope: pd.DataFrame,
+    factor: str,
+    factors: Sequence["Factor"],
+    by: Sequence[str] = ("fda",),
+    figure: FigureBase | None = None,
+) -> FigureBase:
     """Group scope matrices (Fig. 4) of a table from `wearscope.evaluation.scope`; see `draw_scope_counts`."""
-    return draw_scope_counts(count_scope(scope[scope["factor"] == factor], by), factor, factors, by)
+    return draw_scope_counts(count_scope(scope[scope["factor"] == factor], by), factor, factors, by, figure)
 
 
 def draw_scope_counts(
-    counts: pd.DataFrame, factor: str, factors: Sequence["Factor"], by: Sequence[str] = ("fda",)
-) -> Figure:
+    counts: pd.DataFrame,
+    factor: str,
+    factors: Sequence["Factor"],
+    by: Sequence[str] = ("fda",),
+    figure: FigureBase | None = None,
+) -> FigureBase:
     """Group scope matrices (Fig. 4): a column for each group, a row for each method.
 
     The solid line bounds where half the cells of a group pass; the dashed one, where half of them pass with
@@ -50,6 +58,8 @@ def draw_scope_counts(
         To say what coded levels mean.
     by : sequence of str
         At most `MOST` groups are drawn, the title says so where there are more.
+    figure : matplotlib figure, optional
+        An empty one, or a part of one, to draw in.
     """
     rows = counts[counts["factor"] == factor]
     known = {one.name: one for one in factors}
@@ -58,10 +68,10 @@ def draw_scope_counts(
     methods = [method for method in METHOD_NAMES if (rows["method"] == method).any()]
     with figure_style():
         if not groups:
-            figure = new_figure(5.0, 1.2)
+            figure = figure or new_figure(5.0, 1.2)
             figure.text(0.5, 0.5, f"{factor} moves no torque and was dropped on every robot", ha="center")
             return figure
-        figure = new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * len(methods))
+        figure = figure or new_figure(1.6 + 2.3 * len(shown), 1.1 + 2.15 * len(methods))
         axes = figure.subplots(len(methods), len(shown), squeeze=False, sharex=True, sharey=True)
         cells = int(rows["cells"].max())
         norm = BoundaryNorm(np.arange(-0.5, cells + 1), 256) if cells < 12 else Normalize(0, cells)
