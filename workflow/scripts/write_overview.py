@@ -20,7 +20,7 @@ from wearscope.storage.checksums import show_answer
 
 TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
 #: Tables by cell: the partitions' reports tell of them.
-LEFT_OUT = ("surrogates", "validation", "fits", "snr", "scope", "checks")
+LEFT_OUT = ("surrogates", "validation", "snr", "scope", "checks")
 
 with run_job(snakemake) as say:
     given, params, out = snakemake.input, snakemake.params, snakemake.output

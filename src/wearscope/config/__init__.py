@@ -1,9 +1,8 @@
 """The configuration of a study, validated; the text under each field is its reference manual."""
 
 from wearscope.config.design import PartitionSettings, SimulationSettings
-from wearscope.config.measured import CarryOverSettings
 from wearscope.config.reading import drop_retired, list_breaches, load_config, make_schema
-from wearscope.config.sections import TAKEN
+from wearscope.config.sections import TAKEN, CarryOverSettings
 from wearscope.config.study import StudyConfig, label
 
 __all__ = [

@@ -16,26 +16,24 @@ from wearscope.config.design import (
     SimulationSettings,
     SurrogateSettings,
 )
-from wearscope.config.measured import (
-    CarryOverSettings,
-    ClosedLoopSettings,
-    DetectSettings,
-    ExportSettings,
-    ReevaluateSettings,
-    TrackingSettings,
-)
 from wearscope.config.sections import (
     KEYS,
     TAKEN,
     AuditSettings,
+    CarryOverSettings,
+    ClosedLoopSettings,
+    DetectSettings,
     DirectSettings,
+    ExportSettings,
     FactorName,
     Name,
+    ReevaluateSettings,
     ScopeSettings,
     Section,
     SensitivitySettings,
     Share,
     SnrSettings,
+    TrackingSettings,
 )
 
 
