@@ -35,8 +35,8 @@ def test_each_run_s_load_is_told(tell, carry):
     (sentence,) = tell(extra_torque=carry(planted), seed=31)
     assert sentence.startswith("The load differs between runs")
     added, low, high, *each = [float(x) for x in re.findall(r"(-?[\d.]+)(?: kg| to|\) more)", sentence)]
-    assert low <= 1.5 <= high and added == pytest.approx(1.5, abs=0.4)
-    assert each[-4:] == pytest.approx(planted, abs=0.4)
+    assert low <= 1.5 <= high and added == pytest.approx(1.5, abs=0.05)
+    assert each[-4:] == pytest.approx(planted, abs=0.1), sentence
 
 
 def test_nineteen_of_twenty_intervals_hold_the_load(tell, carry, tmp_path):
