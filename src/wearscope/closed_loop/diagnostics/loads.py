@@ -77,8 +77,10 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
+        digits = 3 + int(np.ceil(np.log10(max(0.01 * added / max(wide, 1e-6 * added), 1.0))))
+        low, middle, high = (f"{one:#.{digits}g}" for one in (added - wide, added, added + wide))
         told = (
-            f"{_DIFFERS}, {heavy} with {added:.3g} kg ({added - wide:.3g} to {added + wide:.3g}) more than "
+            f"{_DIFFERS}, {heavy} with {middle} kg ({low} to {high}) more than "
             f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
         )
     return [f"{told}. State each run's payload, or leave out the runs with another load."]
