@@ -13,7 +13,9 @@ from reporting.browser import RUNNING_OVER, open_page
 
 from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.charts.base import CELL_KEYS
+from wearscope.reporting.labels import read_detector_names
 from wearscope.storage import tables
+from wearscope.storage.checksums import SETTINGS
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(os.environ.get("WEARSCOPE_RESULTS", ROOT / "results" / "paper")).absolute()
@@ -115,7 +117,8 @@ def test_sentences_and_tables_say_what_the_files_say(browser, file):
         text = page.locator("body").inner_text()
         rows = page.locator("#q2 tbody tr")
         shown = [row.split("\t")[0].strip() for row in rows.all_inner_texts()]
-        assert shown[: len(ranking)] == list(ranking["fda"])
+        names = read_detector_names(RESULTS / SETTINGS)
+        assert shown[: len(ranking)] == [names[code] for code in ranking["fda"]]
         for code in ("σ of w3", "σ of w5", "first_reason"):
             assert code not in text, code
         for row in read("findings").itertuples():

@@ -106,11 +106,11 @@ def test_what_is_larger_than_the_smallest_visible_change_is_seen(arm, joint, tmp
 
 
 def test_check_refuses_a_session_that_stands_as_track_does(tmp_path):
-    folder = write_planar(tmp_path / "arm", SMALL, {"a": {}, "b": {}, "c": {}, "d": {}}, 2)
+    folder = write_planar(tmp_path / "arm", PENDULUM, {"a": {}, "b": {}, "c": {}, "d": {}}, 2)
     assert check_dataset(folder).problems == []
     table = pd.read_parquet(folder / "runs" / "d.parquet")
     rng = np.random.default_rng(0)
-    for joint in SMALL.joints:
+    for joint in PENDULUM.joints:
         table[f"q_{joint}"] = 0.3 + 1e-4 * rng.standard_normal(len(table))
         table[f"qd_{joint}"] = 0.0
     table.to_parquet(folder / "runs" / "d.parquet")
