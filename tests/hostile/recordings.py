@@ -111,7 +111,7 @@ NAMES = ("a\nb: [c]", "\x1b[2J", "\udcff\udcfe", "é" * 60, "x" * 240, "-rf", "a
          "\u202egpj", "con", "a%20b", "$(touch ran)", "`touch ran`", "a\\b", ";x", "<b>")  # fmt: skip
 
 
-def _pack(columns: Columns) -> bytes:
+def pack(columns: Columns) -> bytes:
     out = io.BytesIO()
     np.savez(out, **columns)
     return out.getvalue()
@@ -127,7 +127,7 @@ def write_odd_recording(folder: Path, draw: random.Random) -> tuple[str, str]:
         what = draw.choice(list(ARRAYS))
         for one in columns if draw.random() < 0.4 else [draw.choice(list(columns))]:
             columns[one] = ARRAYS[what](columns[one], draw)
-        content = _pack(columns)
+        content = pack(columns)
     elif ways == "npy":
         out = io.BytesIO()
         np.save(out, table.to_numpy() if draw.random() < 0.5 else table.to_records(index=False))
@@ -139,7 +139,7 @@ def write_odd_recording(folder: Path, draw: random.Random) -> tuple[str, str]:
         frame = pd.DataFrame(columns)
         content = {
             "a.csv": lambda: frame.to_csv(index=False).encode(), "a.parquet": frame.to_parquet,
-            "a.npz": lambda: _pack({k: np.asarray(x) for k, x in columns.items()}),
+            "a.npz": lambda: pack({k: np.asarray(x) for k, x in columns.items()}),
             "a.jsonl": lambda: frame.to_json(orient="records", lines=True, date_format="iso").encode(),
         }[name]()  # fmt: skip
     elif ways == "json":
@@ -162,6 +162,6 @@ def write_odd_recording(folder: Path, draw: random.Random) -> tuple[str, str]:
         )
     else:
         name = f"{draw.choice(NAMES)}.{draw.choice(['csv', 'CSV', 'npz'])}"
-        content = _pack(columns) if name.endswith("npz") else table.to_csv(index=False).encode()
+        content = pack(columns) if name.endswith("npz") else table.to_csv(index=False).encode()
     (folder / name).write_bytes(content)
     return name, f"{ways}: {what or name!a}"

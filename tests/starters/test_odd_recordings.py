@@ -8,7 +8,7 @@ import random
 import numpy as np
 import pandas as pd
 import pytest
-from hostile.recordings import ARRAYS, CELLS, CLOCKS, SHAPES
+from hostile.recordings import ARRAYS, CELLS, CLOCKS, SHAPES, pack
 from hostile.samples import URDF, make_table
 
 from wearscope.errors import InputError
@@ -37,12 +37,6 @@ def read(path, content):
         return None
     assert all(isinstance(name, str) and name.isprintable() for name in frame)
     return frame
-
-
-def pack(columns):
-    out = io.BytesIO()
-    np.savez(out, **columns)
-    return out.getvalue()
 
 
 @pytest.mark.parametrize("kind", NUMBERS)

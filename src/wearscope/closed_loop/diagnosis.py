@@ -343,7 +343,7 @@ def conclude(
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:
-    """What test runs say of a name, which runs that contradict each other cannot have confirmed."""
+    """What test runs say of a name; at a joint whose runs contradict each other none counts as confirmed."""
     touched = bool(apart) if term.effect.spread else term.joint in apart
     return replace(mark, status="not_confirmed") if touched and mark.status == "confirmed" else mark
 

@@ -43,7 +43,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
     proposed = diagnosis.estimates["proposed"][first:]
     kept = {id(estimate.entry): estimate for estimate in diagnosis.estimates["after"]}
     for named, estimate in zip(diagnosis.attributions, proposed, strict=True):
-        # Of a name that the corrected model has, what that model has it with.
+        # Values are those of the corrected model, where it has the name.
         estimate = kept.get(id(named.term), estimate)
         term, j = named.term, named.term.joint
         units = prepared.dataset.position_unit[j], prepared.dataset.torque_unit[j]

@@ -27,7 +27,7 @@ ENOUGH = 0.5
 
 @dataclass(frozen=True)
 class Bound:
-    """What a detector bears of one factor.
+    """How much variation of one factor a detector tolerates.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Bound:
     sigma : float
         Largest standard deviation, in natural units, up to which the requirement is met.
     largest : bool
-        Whether that is the end of the grid, so that it may bear more.
+        Whether that is the end of the grid, so that it may tolerate more.
     """
 
     factor: str

@@ -1,4 +1,4 @@
-"""Model files read without a look at the robot: where they are, what they name."""
+"""Model files read as plain fields, without the robot's URDF: where they are, and which files they name."""
 
 import os
 from collections.abc import Collection, Mapping

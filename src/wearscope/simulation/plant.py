@@ -64,7 +64,7 @@ def build_plant(model: RobotModel) -> Plant:
 
 
 def build_gears(plant: Plant, torque_scale: np.ndarray) -> Gears:
-    """Motor sides of a plant's joints.
+    """Gears and motors of a plant's joints, as the step takes them.
 
     Parameters
     ----------

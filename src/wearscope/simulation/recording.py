@@ -175,7 +175,7 @@ def read_recording(
     return Recording(table.column("t").to_numpy()[:count].copy(), shape("q"), shape("qd"), shape("tau"))
 
 
-#: A recording as its member is called.
+#: Name of a recording within the file of its chunk.
 MEMBER = re.compile(r"point=(\d+)/recording\.parquet")
 
 

@@ -309,7 +309,7 @@ def _number(columns: Sequence[str], kind: str) -> _Taken:
 
 
 def count_numbered(columns: Sequence[str]) -> int:
-    """How many positions are numbered without a gap, of the likeliest ones; 0 where none are."""
+    """Number of the likeliest position columns that are numbered without a gap; 0 where there are none."""
     counts = {
         rest: len(taken)
         for rest, taken in _number(columns, "position").items()

@@ -76,10 +76,11 @@ def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
 
 
 def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
-    """Regressors (M, n, 5 m) of what healthy sessions differ in, of the RMS of the torque that they scatter.
+    """Regressors (M, n, 5 m) of the differences between healthy sessions.
 
-    At each of the m joints that move: its friction as Coulomb and as viscous friction and at low speed, its
-    torque's factor, and its level.
+    There are five for each of the m joints that move: Coulomb friction, viscous friction, friction at low
+    speed, the torque's factor, and its level. The weights of the first three are shares of the joint's RMS
+    friction; those of the others are shares of its torque.
     """
     parts = []
     for j in map(int, structure.moving):

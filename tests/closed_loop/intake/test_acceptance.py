@@ -3,17 +3,13 @@
 import shutil
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
+from folders import change_runs, check, scale
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Recipe, RunPlan
 from wearscope.closed_loop.intake.acceptance import Acceptance, list_codes
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
 PLANS = (
@@ -30,24 +26,12 @@ def arm(tmp_path_factory):
     return folder
 
 
-def check(folder):
-    prepared = prepare(read_dataset(folder, find_prismatic))
-    check_plausibility(prepared)
-    return prepared
-
-
 def edit(folder, change=None, **fields):
     path = folder / "dataset.yaml"
     document = yaml.safe_load(path.read_text())
     if change:
-        for run in document["runs"]:
-            file = folder / run["file"]
-            change(pd.read_parquet(file)).to_parquet(file, index=False)
+        change_runs(folder, change)
     path.write_text(yaml.safe_dump(document | fields))
-
-
-def scale(column, factor):
-    return lambda table: table.assign(**{column: table[column] * factor})
 
 
 def exchange(a, b):

@@ -1,17 +1,12 @@
 """Clocks of real recorders: any origin, uneven steps, lost samples, gaps."""
 
 import numpy as np
-import pandas as pd
 import pytest
-import yaml
+from folders import change_runs, check
 
 from wearscope.closed_loop.intake.clock import check_clock, mark_losses, resample, split_at_gaps
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.thinning import Budget, thin_dataset
-from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
 RATE = 100.0
@@ -70,22 +65,10 @@ def test_a_gap_splits_a_run_and_short_pieces_are_left_out():
     assert any("'t' jumps at 2 place(s), first by 2.01 s at row 800" in note for note in notes)
 
 
-def edit(folder, change):
-    for run in yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]:
-        file = folder / run["file"]
-        change(pd.read_parquet(file)).to_parquet(file, index=False)
-
-
-def check(folder):
-    prepared = prepare(read_dataset(folder, find_prismatic))
-    check_plausibility(prepared)
-    return prepared
-
-
 def test_time_since_the_epoch_is_as_good_as_time_since_start(record):
     folder = record(runs=3)
     one = check(folder)
-    edit(folder, lambda table: table.assign(t=table["t"] + 1.7e9))
+    change_runs(folder, lambda table: table.assign(t=table["t"] + 1.7e9))
     other = check(folder)
     for a, b in zip(one.runs, other.runs, strict=True):
         assert b.start == 1.7e9 and b.t[0] < 2.0
@@ -98,7 +81,7 @@ def test_pieces_are_runs_of_one_file_with_the_same_rows(record):
     """What lies away from the gap is what the whole run gives."""
     folder = record(runs=3)
     whole = check(folder)
-    edit(folder, lambda table: table.drop(index=range(1000, 1060)))
+    change_runs(folder, lambda table: table.drop(index=range(1000, 1060)))
     split = check(folder)
     assert [run.label for run in split.runs[:2]] == ["runs/r0.parquet#1", "runs/r0.parquet#2"]
     assert len({run.label for run in split.runs}) == len(split.runs) == 6
@@ -118,7 +101,7 @@ def test_a_gap_is_not_recorded_however_long(record, jump):
     """A pause, a clock that finds the network's time, and stamps that are none."""
     folder = record(runs=3)
     whole = check(folder)
-    edit(folder, lambda table: table.assign(t=table["t"] + np.where(table.index >= 1200, jump, 0.0)))
+    change_runs(folder, lambda table: table.assign(t=table["t"] + np.where(table.index >= 1200, jump, 0.0)))
     split = check(folder)
     assert not [note for note in split.notes if "more is recorded than" in note]
     assert len(split.runs) == 2 * len(whole.runs)
@@ -139,7 +122,9 @@ def test_lost_samples_do_not_count(record):
     folder = record(runs=3)
     whole = check(folder)
     rng = np.random.default_rng(0)
-    edit(folder, lambda table: table.drop(index=np.sort(rng.choice(np.arange(50, 2300), 40, replace=False))))
+    change_runs(
+        folder, lambda table: table.drop(index=np.sort(rng.choice(np.arange(50, 2300), 40, replace=False)))
+    )
     thinned = check(folder)
     assert any("samples lost" in note for note in thinned.notes)
     for a, b in zip(whole.runs, thinned.runs, strict=True):

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from folders import change_runs, check, scale
 
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
@@ -36,25 +36,12 @@ PENDULUM = f"""<robot name="pendulum"><link name="base"/>
 LIMITS = '<limit lower="-9" upper="9" effort="900" velocity="90"/>'
 
 
-def check(folder):
-    prepared = prepare(read_dataset(folder, find_prismatic))
-    check_plausibility(prepared)
-    return prepared
-
-
 def refuse(folder, pattern):
     with pytest.raises(InputError) as caught:
         check(folder)
     text = str(caught.value)
     assert text.startswith(str(folder)) and "\n" not in text and text.endswith(".")
     assert re.search(pattern, text), text
-
-
-def change_runs(folder, change, use=None, first=False):
-    runs = yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]
-    files = [folder / run["file"] for run in runs if use in (None, run["use"])]
-    for file in files[:1] if first else files:
-        change(pd.read_parquet(file)).to_parquet(file, index=False)
 
 
 def change_fields(folder, change):
@@ -95,10 +82,6 @@ def swing(folder: Path, size: float, friction: float = 1.0, further=lambda q, v:
 def slow(*case):
     """A case like another one here."""
     return pytest.param(*case, marks=pytest.mark.slow)
-
-
-def scale(column, factor):
-    return lambda table: table.assign(**{column: table[column] * factor})
 
 
 @pytest.mark.parametrize(
