@@ -68,8 +68,7 @@ class Rows:
             own = _take(run, len(prepared.runs))
             travels = prepared.moving & (np.ptp(run.signals.q, axis=0) > _RESTS * reach)
             own["counts"] = own["counts"] & travels
-            quiet = prepared.moving & run.keep.any(axis=0) & (_spread(run) <= _QUIET * usual)
-            for j in np.flatnonzero(quiet).tolist():
+            for j in np.flatnonzero(prepared.moving & (_spread(run) <= _QUIET * usual)).tolist():
                 if np.ptp(run.signals.q[:, j]) > 0.0 and not _is_driven(run, own, j):
                     prepared.notes.append(
                         f"{run.label}: tau_{prepared.dataset.joints[j]} hardly varies, as of a joint that is "

@@ -16,8 +16,8 @@ ODDS, REFUSE = float(np.log(100.0)), 10.0
 _FEW, _BEAM, _FRONT = 160, 4, 2
 #: Rounds of further traits; share of a torque's variance that is much.
 _ROUNDS, _MUCH = 2, 0.1
-#: Share of a torque's variance, and of what the stated reading leaves of it, that is little.
-_LITTLE, _LESS = 0.05, 0.33
+#: Share of a torque's variance, and of what the stated reading leaves of it, that is little; that is noise.
+_LITTLE, _LESS, _NOISE = 0.05, 0.33, 0.8
 #: Nats by which a reading is the likelier one at a first look, whatever all rows say.
 _APART = 30.0
 #: Standard errors within which runs carry the same.
@@ -44,9 +44,10 @@ class Weighed:
 
     @property
     def is_answer(self) -> bool:
-        """Whether the best reading explains the torques that it is of."""
+        """Whether the best reading explains the torques that it is of, without those that are noise."""
+        held = self.best.held
+        much = (held > np.maximum(_LITTLE, _LESS * self.stated.held)) & (held < _NOISE)
         own = self.best.reading.claims[self.best.fit.joint]
-        much = self.best.held > np.maximum(_LITTLE, _LESS * self.stated.held)
         return not np.any(much & own if own.any() else much)
 
 
