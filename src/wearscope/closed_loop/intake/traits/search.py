@@ -45,10 +45,11 @@ class Weighed:
     @property
     def is_answer(self) -> bool:
         """Whether the best reading explains the torques that it is of, without those that are noise."""
-        held = self.best.held
-        much = (held > np.maximum(_LITTLE, _LESS * self.stated.held)) & (held < _NOISE)
-        own = self.best.reading.claims[self.best.fit.joint]
-        return not np.any(much & own if own.any() else much)
+        held, own = self.best.held, self.best.reading.claims[self.best.fit.joint]
+        asked = (own | ~own.any()) & (held < _NOISE)
+        return bool(
+            asked.any() and np.all(held[asked] <= np.maximum(_LITTLE, _LESS * self.stated.held)[asked])
+        )
 
 
 def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
