@@ -1,7 +1,6 @@
 """A finished study in one file: packed, unpacked, restored; the form is in `wearscope.archive`.
 
 A restored configuration has no lines that would let code run, unless the user allows them.
-
 """
 
 import hashlib

@@ -1,7 +1,6 @@
 """What a run says: one line of what is done and what time is left, and how it ended.
 
 A run ends with the answer and its page, or with the rule that failed.
-
 """
 
 import shutil

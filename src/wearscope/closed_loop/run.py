@@ -1,7 +1,6 @@
 """Closing the loop on one data set, from its folder to the files of the contract.
 
 Among them are models that the data allow, drawn from the parameters' intervals and the names that tie.
-
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,6 @@
 """Recordings of a data set as detectors see them, sorted by motion into nominal and judged ones.
 
 Two recordings may be of the same motion whatever they waited before, between and after.
-
 """
 
 from dataclasses import dataclass, field, replace

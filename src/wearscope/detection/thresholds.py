@@ -12,7 +12,7 @@ from scipy import stats
 
 from wearscope import plugins
 from wearscope.detectors.base import Array, Batch, Detector, make_detector
-from wearscope.detectors.questions import OK, Answer, DetectorSpec, ask_detector, tell_error
+from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector, tell_error
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
@@ -261,6 +261,3 @@ def read_units(panel: Panel, torque_units: Mapping[str, str]) -> dict[Cell, str]
         unit = str(getattr(detector, "unit", ""))
         units[joint, name] = torque_units[joint] if unit == "torque" else unit
     return units
-
-
-__all__ = ["OK", "Cell", "Panel", "fit_panel", "read_units"]

@@ -1,7 +1,6 @@
 """Test quantities of one robot and test-cycle: every detector, axis and batch.
 
 An option of a detector may be a factor of the study: ``detectors.<name>.<option>``.
-
 """
 
 import inspect

@@ -1,7 +1,6 @@
 """An effect in identification and in the simulator.
 
 Its compiled row has one signature; rows are stacked along signals, and change a simulated robot's plant.
-
 """
 
 from collections.abc import Callable

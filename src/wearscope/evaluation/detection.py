@@ -2,7 +2,6 @@
 
 They rest on responses: what a surrogate says of the test quantity over one factor at a time, by the runs.
 Tolerance is the scope in one number: how much a nuisance may vary until a fault is no longer detected.
-
 """
 
 from collections.abc import Iterable, Mapping, Sequence

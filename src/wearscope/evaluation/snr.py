@@ -1,7 +1,6 @@
 """Comparing detectors (Q-2): the signal-to-noise ratio (11) under (20), by Monte Carlo and exactly.
 
 A chosen surrogate has no closed moments: its SNR is by quadrature, by draws and by Monte Carlo.
-
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -2,7 +2,6 @@
 
 MuJoCo gets the torque that the motion needs of the whole model, without feedback, and starts again on the
 motion every so often; its position after 0.1, 0.5 and 2 s is compared with the motion.
-
 """
 
 from dataclasses import dataclass

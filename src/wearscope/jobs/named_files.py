@@ -1,7 +1,6 @@
 """Files on which jobs depend: those that settings and data sets name, and the sources of their scripts.
 
 Named are robots, recordings and effects; a script's sources are found by reading its imports.
-
 """
 
 import os

@@ -1,7 +1,6 @@
 """Friction torque of a robot's wearing joints over speed, temperature and wear, as its model has it.
 
 Eq. (17) of a joint follows from two figures, its Coulomb torque and its viscous slope.
-
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,6 @@
 """A chunk of design points simulated into its partitions; points that are there already are kept.
 
 Points whose simulation failed are read from the chunks, counted, and refused where too many.
-
 """
 
 import hashlib

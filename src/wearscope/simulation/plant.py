@@ -3,7 +3,6 @@
 The controller feeds the declared model's torque forward along the reference, and feeds back each motor's
 position and speed at each instant, as an analog one would; it has no integrator, no delay and no quantisation
 of its own.
-
 """
 
 import numpy as np

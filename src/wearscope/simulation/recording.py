@@ -2,7 +2,6 @@
 
 There is a folder for each set, and in it a partition for each point; a chunk is also one file, which a
 storage carries.
-
 """
 
 import re

@@ -1,7 +1,6 @@
 """Figures of a robot by joint, each with where it is from: given, or assumed.
 
 Acceleration limits are those at which its drives carry it through every test-cycle.
-
 """
 
 from collections.abc import Callable, Sequence

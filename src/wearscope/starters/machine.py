@@ -4,7 +4,6 @@ The example is a robot's URDF and recordings of it, as a maker and a drive's rec
 
 ``python -m wearscope.starters.machine`` simulates a machine of three joints and writes its recordings to
 ``src/wearscope/example_data``; a test makes them again and compares.
-
 """
 
 import shutil

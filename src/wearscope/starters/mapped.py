@@ -2,7 +2,6 @@
 
 Taken are the columns that the user names, else those that are found; recordings that are fitted and those
 that are only scored have one rate in common.
-
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,6 @@
 """One session against the reference: what changed in it, and what cannot be told.
 
 A body that was added to a link, or taken from it, has a mass and a place.
-
 """
 
 from collections.abc import Sequence

@@ -145,11 +145,11 @@ def _simulate_run(
     short = replace(run, t=run.t[:length])
     simulated: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     said: dict[str, str] = {}
-    loaded = {key: with_payload(model, prepared, run) for key, model in models.items()}
 
-    def simulate(stage: str, model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+    def simulate(stage: str, carrier: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+        model = with_payload(carrier, prepared, run)
         conditions: dict[str, Any] = {
-            "declared": loaded["before"],
+            "declared": with_payload(models["before"], prepared, run),
             "temperature": recorded_temperature(prepared, run, {stage: model}, count),
             "controller_temperature": mean_temperature(run),
         }
@@ -160,22 +160,25 @@ def _simulate_run(
 
     for stage in _STAGES:
         try:
-            simulated[stage] = simulate(stage, loaded[stage])
+            simulated[stage] = simulate(stage, models[stage])
             said[stage] = "ok"
         except SimulationError as error:
-            stops = list(_find_stops(partial(simulate, stage), loaded[stage]))
+            stops = list(_find_stops(partial(simulate, stage), models["before"], models[stage]))
             said[stage] = f"failed: {error}{_tell_stops(stops)}"
         except InputError as error:
             said[stage] = f"failed: {error}"
     return simulated, keep, said
 
 
-def _find_stops(simulate: Callable[[RobotModel], Any], model: RobotModel) -> Iterator[str]:
-    """Effects of a model that fails, each with its joint, without which it can be simulated."""
+def _find_stops(
+    simulate: Callable[[RobotModel], Any], declared: RobotModel, model: RobotModel
+) -> Iterator[str]:
+    """Effects that the declared model lacks, each with its joint, without which a model can be simulated."""
+    known = {(one.effect, one.joint) for one in declared.effects}
     effects = model.to_mapping()["effects"]
-    for k, entry in enumerate(effects):
+    for entry in (one for one in effects if (one["effect"], one["joint"]) not in known):
         try:
-            simulate(model.replace(effects=[*effects[:k], *effects[k + 1 :]]))
+            simulate(model.replace(effects=[one for one in effects if one is not entry]))
         except (SimulationError, InputError):
             continue
         yield f"{entry['effect'].replace('_', ' ')} at {entry['joint']}"

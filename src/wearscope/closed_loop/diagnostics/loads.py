@@ -77,8 +77,8 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
-        digits = 3 + int(np.ceil(np.log10(max(0.01 * added / max(wide, 1e-6 * added), 1.0))))
-        low, middle, high = (f"{one:#.{digits}g}" for one in (added - wide, added, added + wide))
+        decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))  # to a digit of the error
+        low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
         told = (
             f"{_DIFFERS}, {heavy} with {middle} kg ({low} to {high}) more than "
             f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
@@ -163,6 +163,7 @@ def _gather(
     square = sum(np.sum(np.where(k, x, 0.0) ** 2, axis=0) for x, k in zip(left, keep, strict=True))
     scale = np.sqrt(np.maximum(square / np.maximum(sum(k.sum(axis=0) for k in keep), 1), 1e-300))
     theta, gathered = after.solve(), []
+    known = {id(run): x for run, x in zip(prepared.runs_for("train"), after.columns, strict=True)}
     for file in files:
         own = [i for i, p in enumerate(predicted) if p.run.file == file]
         middle = np.median(np.concatenate([predicted[i].run.t for i in own]))
@@ -170,7 +171,8 @@ def _gather(
         for i in own:
             run = predicted[i].run
             load = run.reduce(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
-            model = after.take_columns(run, find_signals(after, theta, run))
+            model = known.get(id(run))
+            model = after.take_columns(run, find_signals(after, theta, run)) if model is None else model
             late = np.broadcast_to((run.t >= middle)[:, None], keep[i].shape)[keep[i]]
             some = [x[keep[i]] for x in (load / scale[:, None], left[i] / scale, model / scale[:, None])]
             parts.append((late, some))

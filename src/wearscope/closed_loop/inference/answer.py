@@ -156,7 +156,7 @@ def find_terms(
     model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
     model, unbelievable = _compare_unbelievable(moves, model)
     left |= unbelievable
-    model = model.has(_join_parts(model.terms)).rescale()
+    model = model.has(_join_parts(model.terms))
     found = [_judge(moves, model, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)

@@ -17,12 +17,12 @@ from wearscope.closed_loop.intake.traits.hypotheses import say_columns, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
 from wearscope.closed_loop.intake.traits.score import Weighing
-from wearscope.closed_loop.intake.traits.search import REFUSE, Weighed, look_at, weigh
+from wearscope.closed_loop.intake.traits.search import HOPELESS, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
 #: Share of a torque's variance above which a run is doubted; half of it as RMS, beyond which no name can be
-#: judged; beyond which nothing is explained.
-_DOUBTFUL, _UNJUDGED, _HOPELESS = 0.1, 0.25, 0.8
+#: judged.
+_DOUBTFUL, _UNJUDGED = 0.1, 0.25
 #: Share of a torque's variance below which there is no friction in it.
 _NO_FRICTION = 1e-3
 #: Share of what a torque as recorded leaves that it leaves with signs, where it has lost them.
@@ -142,7 +142,7 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
         # A load may keep a torque on one side of zero.
         known = Weighing(whole, coarse=True).fit(Reading.stated(whole.n)).columns.known
         gains = {f"tau_{joints[j]}": _unfold(whole, known, j) for j in whole.heard}
-        most = np.where(left[whole.heard] > _HOPELESS, 1.0, _FOLDED)
+        most = np.where(left[whole.heard] > HOPELESS, 1.0, _FOLDED)
         if folded := [name for (name, gain), one in zip(gains.items(), most, strict=True) if gain < one]:
             verb, one = ("are", "torques") if len(folded) > 1 else ("is", "a torque")
             told = f"{say_columns(folded)} {verb} never negative, as {one} without sign; record the torque"
@@ -181,10 +181,10 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
     known = found.stated.fit.columns.known
     for k, run in enumerate(prepared.runs):
         own, heard = whole.run == k, np.isfinite(left[k])
-        if not heard.any() or np.median(left[k, heard]) <= _HOPELESS:
+        if not heard.any() or np.median(left[k, heard]) <= HOPELESS:
             continue
         free = np.median([_misfit(whole.pick(own), known[own], j) for j in np.flatnonzero(heard).tolist()])
-        if free > _HOPELESS:
+        if free > HOPELESS:
             told = (
                 f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "
                 "middle joint's); check that the columns belong together, their units, and the URDF."

@@ -1,7 +1,6 @@
 """Terms of a model, an effect at a joint with its shape and coefficients, and candidates for them.
 
 A candidate is an effect at a joint with all shapes worth trying, as rows of regressors.
-
 """
 
 from collections.abc import Sequence

@@ -7,10 +7,10 @@ from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, tell
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
 from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
-from wearscope.closed_loop.intake.traits.search import Weighed
+from wearscope.closed_loop.intake.traits.search import LITTLE, Weighed
 
-#: Share of a torque's variance below which there is no friction in it; above which nothing is said of it.
-_NO_FRICTION, _POOR = 1e-4, 0.05
+#: Share of a torque's variance below which there is no friction in it.
+_NO_FRICTION = 1e-4
 #: Mean torque of gravity that counts, over a torque's spread; share of it within which an offset is it;
 #: torque over need of a body of which nothing is seen.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
@@ -36,7 +36,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
         prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
     _note_payload(prepared, found)
     for k, j in enumerate(model.fit.joint.tolist()):
-        if model.rub(k) < _NO_FRICTION and model.left[k] < _POOR:
+        if model.rub(k) < _NO_FRICTION and model.left[k] < LITTLE:
             prepared.link_side = prepared.link_side | {names[j]}
     if prepared.link_side:
         link = [name for name in names if name in prepared.link_side]
@@ -60,7 +60,7 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
         means = np.array([one[at, j].mean() for one in weights])
         heavy = np.abs(means) > _WEIGHS * rows.scale[j]
         lacks = heavy[0] and np.any(heavy & (np.abs(offset + means) < _LACKS * np.abs(means)))
-        if lacks and model.left[k] < 5 * _POOR:
+        if lacks and model.left[k] < 5 * LITTLE:
             unit = prepared.dataset.torque_unit[j]
             prepared.notes.append(
                 f"{name}: of the weight that the stated bodies have there, {means[0]:.3g} {unit} on average, "

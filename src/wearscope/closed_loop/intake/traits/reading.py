@@ -1,13 +1,9 @@
 """A reading: what the columns of a recording hold, made from what they are said to hold."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-
-#: Fields of whole runs, and those with a value a joint.
-_OF_ALL = ("gravity", "without", "delay", "lag", "clock")
-_OF_JOINTS = ("torque_sign", "factor", "zero", "size", "motion_of", "torque_of")
 
 
 @dataclass(frozen=True)
@@ -88,11 +84,12 @@ class Reading:
     @property
     def claims(self) -> np.ndarray:
         """Joints (n,) whose columns are not what they are said to be; all where it is of whole runs."""
-        stated = Reading.stated(len(self.factor))
-        every = any(getattr(self, name) != getattr(stated, name) for name in _OF_ALL)
-        own = [np.array(getattr(self, name)) != np.array(getattr(stated, name)) for name in _OF_JOINTS]
-        crossed = np.isin(np.arange(len(self.factor)), sorted(self.crossed))
-        return np.any([*own, crossed], axis=0) | every
+        stated, n = Reading.stated(len(self.factor)), len(self.factor)
+        names = {field.name for field in fields(self)} - {"crossed", "traits", "nats"}
+        pairs = [(getattr(self, name), getattr(stated, name)) for name in names]
+        every = any(x != y for x, y in pairs if not isinstance(y, tuple))
+        own = [np.array(x) != np.array(y) for x, y in pairs if isinstance(y, tuple)]
+        return np.any([*own, np.isin(np.arange(n), sorted(self.crossed))], axis=0) | every
 
     @property
     def joint_of(self) -> np.ndarray:

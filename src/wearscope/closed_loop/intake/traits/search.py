@@ -17,7 +17,7 @@ _FEW, _BEAM, _FRONT = 160, 4, 2
 #: Rounds of further traits; share of a torque's variance that is much.
 _ROUNDS, _MUCH = 2, 0.1
 #: Share of a torque's variance, and of what the stated reading leaves of it, that is little; that is noise.
-_LITTLE, _LESS, _NOISE = 0.05, 0.33, 0.8
+LITTLE, _LESS, HOPELESS = 0.05, 0.33, 0.8
 #: Nats by which a reading is the likelier one at a first look, whatever all rows say.
 _APART = 30.0
 #: Standard errors within which runs carry the same.
@@ -46,9 +46,9 @@ class Weighed:
     def is_answer(self) -> bool:
         """Whether the best reading explains the torques that it is of, without those that are noise."""
         held, own = self.best.held, self.best.reading.claims[self.best.fit.joint]
-        asked = (own | ~own.any()) & (held < _NOISE)
+        asked = (own | ~own.any()) & (held < HOPELESS)
         return bool(
-            asked.any() and np.all(held[asked] <= np.maximum(_LITTLE, _LESS * self.stated.held)[asked])
+            asked.any() and np.all(held[asked] <= np.maximum(LITTLE, _LESS * self.stated.held)[asked])
         )
 
 
