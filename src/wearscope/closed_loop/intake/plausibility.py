@@ -48,7 +48,7 @@ def check_plausibility(prepared: Prepared) -> None:
     check_speeds(prepared)
     if rows.heard:
         _check_signs(prepared, rows)
-        found = _check_readings(prepared, rows, left)
+        found = _check_readings(prepared, rows)
     # A reading of the columns says more than a limit that they pass.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
@@ -67,14 +67,14 @@ def _leave(rows: Rows) -> np.ndarray:
     return left
 
 
-def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighed:
-    """Refuse the best reading, of all runs or of the one that agrees least with the others; what is left."""
+def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
+    """Refuse the best reading, of all runs or of the one that agrees least with the others."""
     declared = prepared.dataset.fields.declared_effects
     taken: dict[str, Reading] = {}
     if TIME_DELAY.name in declared:
         taken["late tau"] = Reading.stated(whole.n)
     found = weigh(whole, frozenset(taken))
-    single = _doubt_one(whole, left, found)
+    single = _doubt_one(whole, found)
     while True:
         every = [(found, whole), *((weigh(rows, frozenset(taken)), rows) for rows in single)]
         told = [(one.best.over(one.stated), k) for k, (one, rows) in enumerate(every) if _tell(one, rows)]
@@ -97,13 +97,13 @@ def _check_readings(prepared: Prepared, whole: Rows, left: np.ndarray) -> Weighe
         found = weigh(whole, frozenset(taken))
 
 
-def _doubt_one(whole: Rows, left: np.ndarray, found: Weighed) -> list[Rows]:
+def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
     """Rows of which only the least explained run's columns are in question; none where all are explained.
 
     A wrong run makes others look wrong: it is the run without which the others agree best.
     """
-    most = np.maximum(np.nan_to_num(left).max(axis=1), found.stated.leave_by_run())
-    doubtful = np.flatnonzero(most > _DOUBTFUL).tolist() if len(left) > 1 else []
+    left = found.stated.leave_by_run()
+    doubtful = np.flatnonzero(left > _DOUBTFUL).tolist() if len(left) > 1 else []
     rest = {k: np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful}
     return [replace(whole, doubted=whole.run == run) for run in sorted(rest, key=lambda k: rest[k])[:1]]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy import optimize
+from scipy.linalg import block_diag
 
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.effects.base import Effect, InertialEffect, PayloadEffect, load_effect
@@ -9,6 +10,8 @@ from wearscope.robots.spatial import pseudo_inertia
 
 #: Usual error of an inertial parameter, as a share of its link's own scale.
 USUAL_ERROR = 0.3
+#: Share of the stated pseudo-inertia that a link keeps, whatever the fit says: simulators need positive ones.
+_LEAST = 1e-4
 
 
 def inertial_scale(prepared: Prepared) -> np.ndarray:
@@ -68,26 +71,18 @@ def find_penalty(prepared: Prepared, effect: Effect) -> np.ndarray | None:
     return payload_penalty(prepared) if isinstance(effect, PayloadEffect) else None
 
 
-def _from_factor(x: np.ndarray) -> np.ndarray:
-    """Ten inertial parameters of the pseudo-inertia L L' with log-diagonal lower factor L."""
-    factor = np.zeros((4, 4))
-    factor[np.tril_indices(4)] = x
-    factor[np.diag_indices(4)] = np.exp(np.diag(factor))
-    p = factor @ factor.T
-    sigma, h, m = p[:3, :3], p[:3, 3], p[3, 3]
-    tensor = np.trace(sigma) * np.eye(3) - sigma
-    return np.array(
-        [m, *h, tensor[0, 0], tensor[0, 1], tensor[1, 1], tensor[0, 2], tensor[1, 2], tensor[2, 2]]
-    )
+def _read_parameters(p: np.ndarray) -> np.ndarray:
+    """Ten inertial parameters (..., 10) of pseudo-inertias (..., 4, 4), in which they are linear."""
+    sigma = p[..., :3, :3]
+    tensor = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
+    entries = [tensor[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
+    return np.stack([p[..., 3, 3], *(p[..., k, 3] for k in range(3)), *entries], axis=-1)
 
 
-def _to_factor(parameters: np.ndarray) -> np.ndarray:
-    p = pseudo_inertia(parameters)
+def _find_root(p: np.ndarray) -> np.ndarray:
+    """Square root (4, 4) of a pseudo-inertia, of the nearest one that is positive definite."""
     values, vectors = np.linalg.eigh(p)
-    floor = max(1e-4 * values.max(), 1e-9)
-    factor = np.linalg.cholesky(vectors @ np.diag(np.maximum(values, floor)) @ vectors.T)
-    factor[np.diag_indices(4)] = np.log(np.diag(factor))
-    return factor[np.tril_indices(4)]
+    return np.asarray(vectors * np.sqrt(np.maximum(values, _LEAST * values.max() + 1e-12)) @ vectors.T)
 
 
 def is_consistent(parameters: np.ndarray) -> bool:
@@ -110,19 +105,27 @@ def nearest_consistent(free: np.ndarray, start: np.ndarray, hessian: np.ndarray)
     Returns
     -------
     ndarray (10 n,)
-        `free` itself where it is consistent; else the minimum over log-Cholesky factors of the
-        pseudo-inertias (Rucker and Wensing 2022).
+        `free` itself where it is consistent; else the minimum over factors A of the pseudo-inertias A A'
+        (Burer and Monteiro 2003), which reach the singular ones at which it lies.
     """
     if is_consistent(free):
         return free
-    links = start.reshape(-1, 10)
-    x0 = np.concatenate([_to_factor(link) for link in links])
-    weight = np.linalg.cholesky(hessian + 1e-12 * np.trace(hessian) / len(hessian) * np.eye(len(hessian)))
+    stated = np.array([pseudo_inertia(link) for link in start.reshape(-1, 10)])
+    x0 = np.array([_find_root(p) for p in stated])
+    weight = np.linalg.cholesky(hessian + 1e-12 * np.trace(hessian) / len(hessian) * np.eye(len(hessian))).T
+    entries = np.eye(16).reshape(16, 4, 4)
 
-    def residual(x: np.ndarray) -> np.ndarray:
-        parameters = np.concatenate([_from_factor(part) for part in x.reshape(-1, 10)])
-        return weight.T @ (parameters - free)
+    def build(x: np.ndarray) -> np.ndarray:
+        factors = x.reshape(-1, 4, 4)
+        return _read_parameters(factors @ factors.transpose(0, 2, 1) + _LEAST * stated).ravel()
 
-    scale = max(np.linalg.norm(residual(x0)), 1e-12)
-    result = optimize.least_squares(lambda x: residual(x) / scale, x0, max_nfev=200)
-    return np.concatenate([_from_factor(part) for part in result.x.reshape(-1, 10)])
+    def differentiate(x: np.ndarray) -> np.ndarray:
+        product = entries @ x.reshape(-1, 1, 4, 4).transpose(0, 1, 3, 2)
+        slopes = _read_parameters(product + product.transpose(0, 1, 3, 2)).transpose(0, 2, 1)
+        return np.asarray(weight @ block_diag(*slopes) / scale)
+
+    scale = max(np.linalg.norm(weight @ (build(x0) - free)), 1e-12)
+    found = optimize.least_squares(
+        lambda x: weight @ (build(x) - free) / scale, x0.ravel(), differentiate, max_nfev=500
+    )
+    return build(found.x)

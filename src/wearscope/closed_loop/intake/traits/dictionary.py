@@ -62,6 +62,13 @@ class Columns:
     weight: np.ndarray
     links: int
 
+    def pick(self, joints: np.ndarray) -> "Columns":
+        """Those of some joints."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[:, joints] for name in ("known", "shared", "own", "weight")},
+        )
+
 
 def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     """Columns of what the torques may hold where the motion is as a reading has it.
@@ -161,23 +168,26 @@ def scale_payload(body: RigidBody) -> tuple[np.ndarray, float]:
     return _PAYLOAD * mass * np.repeat([1.0, away, away**2], [1, 3, 6]), reach
 
 
-def scale_columns(columns: Columns, j: int, scale: float, most: float) -> np.ndarray:
-    """Columns (N, len(OWN)) of joint j over the torque's spread.
+def scale_columns(columns: Columns, scale: np.ndarray, most: float) -> np.ndarray:
+    """Each joint's own columns (N, n, D) over its torque's spread.
 
     Parameters
     ----------
     columns : Columns
-    j : int
-    scale : float
-        The torque's spread.
+    scale : ndarray (n,)
+        The torques' spread.
     most : float
         Largest torque that any joint's body needs.
     """
-    x, weight = columns.own[:, j], columns.weight[:, j]
-    names = np.array(OWN)[: x.shape[1]]
-    size = np.where(names == "inertia", _ROTOR * most / scale, 1.0)
-    size[names == "balancer"] = _BALANCED * float(np.sqrt(np.mean(weight**2))) / scale
-    return np.asarray(x * (size / (np.sqrt(np.mean(x**2, axis=0)) + 1e-300)))
+    names = np.array(OWN)[: columns.own.shape[2]]
+    size = np.ones((len(scale), len(names)))
+    size[:, names == "inertia"] = (_ROTOR * most / scale)[:, None]
+    size[:, names == "balancer"] = (_BALANCED * _rms(columns.weight) / scale)[:, None]
+    return np.asarray(columns.own * (size / (_rms(columns.own) + 1e-300)))
+
+
+def _rms(x: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 @lru_cache(maxsize=64)

@@ -63,27 +63,26 @@ class Fit:
         self.rows, self.reading, self.columns = rows, reading, columns
         heard, joint = rows.heard, rows.joint_of(reading)
         self.joint = joint[heard]
-        tau = rows.torque(reading)
-        self.names = np.array(OWN)[: columns.own.shape[2]]
-        shared, own = columns.shared.shape[2], len(self.names)
-        most = max((columns.known[:, j].std() for j in self.joint), default=0.0)
-        self.x, self.y, self.body = [], [], []
-        for c, j in zip(heard, self.joint.tolist(), strict=True):
-            at, size, sign = rows.counts[:, c, None], abs(reading.size[j]), np.sign(reading.size[j])
-            if not rows.doubted.all():  # it is their torque that is of another size, their friction too
-                sign, size = np.where(rows.doubted[:, None], sign / size, 1.0), 1.0
-            scale = float(tau[at[:, 0], c].std()) if c in reading.crossed else rows.scale[c]
-            x = [columns.shared[:, j] * size / scale, scale_columns(columns, j, scale, most)]
-            body = columns.known[:, j, None] * size / scale * at
-            self.body.append(body[:, 0])
-            self.x.append(np.concatenate(x, axis=1) * at)
-            self.y.append((sign * tau[:, c, None] / scale * at - body)[:, 0])
-        self.count = np.maximum(rows.counts[:, heard].sum(axis=0), 1)
-        self.shared, self.soft, n = shared, columns.links + N_PARAMETERS, len(heard)
-        for s in range(self.soft, shared):  # as large as it is where it is felt most
-            rms = max(np.sqrt(x[:, s] @ x[:, s] / m) for x, m in zip(self.x, self.count, strict=True))
-            for x in self.x:
-                x[:, s] /= rms + 1e-300
+        tau, some = rows.torque(reading)[:, heard], columns.pick(self.joint)
+        self.names = np.array(OWN)[: some.own.shape[2]]
+        shared, own, n = some.shared.shape[2], len(self.names), len(heard)
+        counts, scale = rows.counts[:, heard], rows.scale[heard].copy()
+        for k in np.flatnonzero(np.isin(heard, sorted(reading.crossed))):
+            scale[k] = tau[counts[:, k], k].std()
+        size = np.array(reading.size)[self.joint]
+        sign, size = np.sign(size), np.abs(size)
+        if not rows.doubted.all():  # it is their torque that is of another size, their friction too
+            sign, size = np.where(rows.doubted[:, None], sign / size, 1.0), np.ones(n)
+        most = float(some.known.std(axis=0).max(initial=0.0))
+        x = np.concatenate([some.shared * (size / scale)[:, None], scale_columns(some, scale, most)], axis=2)
+        body = some.known * (size / scale) * counts
+        self.x = np.ascontiguousarray((x * counts[:, :, None]).transpose(1, 0, 2))
+        self.body, self.y = body.T, (sign * tau / scale * counts - body).T
+        self.count = np.maximum(counts.sum(axis=0), 1)
+        self.shared, self.soft = shared, columns.links + N_PARAMETERS
+        # As large as it is where it is felt most.
+        soft = self.x[:, :, self.soft : shared]
+        soft /= np.sqrt((soft**2).sum(axis=1) / self.count[:, None]).max(axis=0, initial=0.0) + 1e-300
         self.index = [np.r_[np.arange(shared), shared + k * own + np.arange(own)] for k in range(n)]
         self.size = shared + n * own
         bodies = [run.signals.rigid_body for run in rows.prepared.runs]
@@ -116,17 +115,16 @@ class Fit:
     @cached_property
     def total(self) -> np.ndarray:
         """Products (K, k + 1, k + 1) of each torque's columns and itself, over its rows."""
-        return np.stack([self._multiply(k, slice(None)) for k in range(len(self.x))])
+        return self._multiply(slice(None))
 
-    def _multiply(self, k: int, at: slice | np.ndarray) -> np.ndarray:
-        z = np.column_stack([self.x[k][at], self.y[k][at]])
-        return np.asarray(z.T @ z / self.count[k])
+    def _multiply(self, at: slice | np.ndarray) -> np.ndarray:
+        z = np.concatenate([self.x[:, at], self.y[:, at, None]], axis=2)
+        return np.asarray(z.transpose(0, 2, 1) @ z / self.count[:, None, None])
 
     @cached_property
     def folds(self) -> list[np.ndarray]:
         """The same of each fold."""
-        every = [self.rows.fold == fold for fold in np.unique(self.rows.fold)]
-        return [np.stack([self._multiply(k, at) for k in range(len(self.x))]) for at in every]
+        return [self._multiply(self.rows.fold == fold) for fold in np.unique(self.rows.fold)]
 
     def normal(self, grams: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and right side of all coefficients, priors of one in it."""
@@ -168,11 +166,10 @@ class Fit:
 
     def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
         """What coefficients leave of each torque, shares of its variance."""
-        z = [np.append(x[at], -1.0) for at in self.index]
+        z = np.column_stack([x[np.array(self.index)], np.full(len(self.index), -1.0)])
         # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
-        pairs = list(zip(z, grams, strict=True))
-        least = [_EPS * float(np.abs(one) @ np.abs(gram) @ np.abs(one)) for one, gram in pairs]
-        return np.maximum([float(one @ gram @ one) for one, gram in pairs], least)
+        signed, sizes = ((x[:, None] @ g @ x[:, :, None]).ravel() for x, g in ((z, grams), (abs(z), abs(grams))))
+        return np.maximum(signed, _EPS * sizes)
 
     def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coefficients, what they leave, and the weights that this gives the torques."""
