@@ -96,6 +96,22 @@ def test_given_speeds_are_used_joint_by_joint():
     assert np.isfinite(motion.v).all() and np.isfinite(motion.a).all()
 
 
+@pytest.mark.parametrize(("of_position", "of_speed"), [(1e-5, 1e-2), (1e-3, 1e-3)])
+def test_the_quieter_of_speed_and_slope_is_used(of_position, of_speed):
+    rng = np.random.default_rng(3)
+    speed = FAST * np.cos(FAST * T)
+    q = np.sin(FAST * T) + of_position * rng.normal(size=len(T))
+    qd = speed + of_speed * rng.normal(size=len(T))
+    slope, both = (
+        differentiate_run(make_run(q, qd=given), RATE, 25.0).v[100:-100, 0]
+        for given in (None, qd[:, None])
+    )
+    filtered = low_pass(qd[:, None], 25.0, RATE)[100:-100, 0]
+    error = [np.std(x - speed[100:-100]) for x in (slope, filtered)]
+    np.testing.assert_array_equal(both, slope if error[0] < error[1] else filtered)
+    assert max(error) > 3.0 * min(error)
+
+
 def test_temperature_of_some_joints_stays_unknown_for_the_others():
     temperature = np.column_stack([np.full(len(T), 30.0), np.full(len(T), np.nan)])
     run = make_run(np.column_stack([np.sin(T), np.cos(T)]), temperature=temperature)

@@ -265,7 +265,7 @@ class Fit:
 
     @cached_property
     def energy(self) -> float:
-        """Squared distance of bodies' parameters from what is expected, in standard deviations."""
+        """Squared size of named payloads and link errors, in standard deviations of what is expected."""
         spans = [s for t, s in zip(self.terms, self.spans, strict=True) if t.effect.spread]
         return float(sum(self.theta[s] @ self.prior[s, s] @ self.theta[s] for s in spans))
 

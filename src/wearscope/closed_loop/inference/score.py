@@ -6,7 +6,7 @@
 - f_j: form error, a share of what the standard model leaves there (`Score.find_form`).
 - nu_j: independent rows in the direction in which the two models differ there: rows over the design effect of
   that direction, and no more than `most_rows`.
-- E: squared distance of bodies' parameters from where they are expected, in standard deviations.
+- E: squared size of named payloads and link errors, in standard deviations of what is expected of them.
 - cost: ln(nu) / 2 a coefficient (Schwarz 1978), the logarithm of the alternatives tried at the joint (Chen
   and Chen 2008, Biometrika 95), and the odds against what not every drive has.
 """

@@ -292,14 +292,15 @@ def differentiate_run(run: Run, rate: float, cutoff: float, usual_speed: np.ndar
     """
     q = low_pass(run.q, cutoff, rate)
     v = differentiate(q, rate)
-    if run.qd is not None:
-        given = np.isfinite(run.qd).all(axis=0)
-        v[:, given] = low_pass(run.qd[:, given], cutoff, rate)
-    a = differentiate(v, rate)
     density = position_noise(run.q, rate)[0]
     if run.quantum is not None:
         # Rounding to a grid is white noise of a twelfth of its step squared where the joint moves.
         density = np.maximum(density, run.quantum**2 / (6.0 * rate))
+    if run.qd is not None:
+        # A recorded speed may be far noisier than the positions' slope, and the other way round.
+        quieter = position_noise(run.qd, rate)[0] < density * (2 * np.pi * cutoff) ** 2 / 3
+        v[:, quieter] = low_pass(run.qd[:, quieter], cutoff, rate)
+    a = differentiate(v, rate)
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
     sure = _REST_NOISE * speed_noise
     top = np.abs(v).max(axis=0)
