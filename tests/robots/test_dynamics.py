@@ -149,3 +149,13 @@ def test_samples_together_give_the_bytes_of_each_alone(model, motion, samples):
 def test_a_raw_urdf_is_refused():
     with pytest.raises(InputError, match="normalise it with these joints first"):
         RigidBody(SLIDE, ["slide", "turn"])
+
+
+def test_what_links_have_more_is_the_regressor_times_it(model, motion):
+    body = model.rigid_body(PAYLOAD)
+    more = np.random.default_rng(5).normal(size=60)
+    more[10] = -50.0  # a refit may leave a link less than nothing
+    expected = body.inertial_regressor(*motion) @ more
+    found = body.add_to_links(more, *motion)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_array_equal(body.add_to_links(0.0 * more, *motion), 0.0 * found)

@@ -1,8 +1,8 @@
 """Gain error of the measured torque.
 
-Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent. A constant
-that is taken from a data sheet of another winding or gear is off by more; what is further off is no error of
-a constant but another unit or column, which intake tells.
+Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent. Where the
+torques of some joints are of another size than the stated bodies need, intake notes it, and a larger error is
+believed there.
 """
 
 from wearscope.effects.base import PAYLOAD, MeasurementEffect, Parameter
@@ -10,7 +10,7 @@ from wearscope.effects.base import PAYLOAD, MeasurementEffect, Parameter
 EFFECT = MeasurementEffect(
     name="torque_constant_error",
     form="gain tau",
-    coefficients=(Parameter("gain", "-", lower=-0.9, believable=(-0.4, 0.4)),),
+    coefficients=(Parameter("gain", "-", lower=-0.9, believable=(-0.15, 0.15)),),
     source="Gautier and Briot 2014, IEEE T. Robotics 30(1): global identification of drive gains",
     depends_on=("tau_{joint}",),
     kind="gain",

@@ -188,6 +188,18 @@ class RigidBody:
         """Regressor (N, n, 10 n) of the links' inertial parameters; (n, 10 n) for one sample (n,)."""
         return self._regress(self._ids, q, v, a)
 
+    def add_to_links(self, parameters: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Torque (N, n) that the links have more with parameters (10 n,) more.
+
+        It is ``inertial_regressor(q, v, a) @ parameters``, several times faster.
+        """
+        other = self._copy()
+        changes = np.reshape(parameters, (self.n, N_PARAMETERS))
+        for joint_id, change in zip(self._ids, changes, strict=True):
+            total = self._model.inertias[joint_id].toDynamicParameters() + change
+            other._model.inertias[joint_id] = pin.Inertia.FromDynamicParameters(total)
+        return other.inverse_dynamics(q, v, a) - self.inverse_dynamics(q, v, a)
+
     def payload_regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Regressor (N, n, 10) of a payload on the last joint's link; (n, 10) for one sample."""
         return self._regress(self._ids[-1:], q, v, a)

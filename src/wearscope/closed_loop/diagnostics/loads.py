@@ -129,12 +129,15 @@ def tell_payload(after: Regression) -> list[str]:
     found = estimate(carried)[-1]
     low, high = found.intervals["mass"]
     moment = np.array([found.values[f"moment_{axis}"] for axis in "xyz"])
-    reach = scale_payload(runs[0].signals.rigid_body)[1]
-    # What stands further away than the robot reaches is no payload.
-    if share < _ALIKE or low <= 0.0 <= high or np.linalg.norm(moment) > reach * abs(found.values["mass"]):
+    bodies = [run.signals.rigid_body for run in runs]
+    reach, most = scale_payload(bodies[0])[1], max(b.payload.mass if b.payload else 0.0 for b in bodies)
+    # No machine carries less than nothing; what stands further away than the robot reaches is no payload.
+    impossible = high < -most or np.linalg.norm(moment) > reach * abs(found.values["mass"])
+    if share < _ALIKE or low <= 0.0 <= high or impossible:
         return []
     return [
-        f"The refitted masses act as a payload of {found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g}) "
+        f"The refitted masses act as a payload of {found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} "
+        "where the URDF's masses are right) "
         f"in addition to the stated one: it removes {100 * share:.0f} % of the error that they remove. State "
         "it, if the machine carries it; otherwise the last links are that much heavier or lighter."
     ]

@@ -34,6 +34,8 @@ _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
 _LAGS = (0.0, 0.08, 0.2, 0.4)
 #: Ripples that a joint's residual is searched for, and rows that it is searched on.
 _PEAKS, _MOST_ROWS = 8, 4000
+#: Size of a gain that is believed, over the one that intake noted.
+_AROUND = 1.2
 
 
 class Problem:
@@ -92,9 +94,7 @@ class Problem:
     @cached_property
     def _deviations(self) -> Term:
         """Deviations of all inertial parameters, which no direction of motion changes."""
-        signals = [run.signals for run in self.train]
-        columns = [s.rigid_body.inertial_regressor(s.q, s.v, s.a) for s in signals]
-        rows = np.concatenate([run.reduce(x) for run, x in zip(self.train, columns, strict=True)])
+        rows = np.concatenate([run.bodies for run in self.train])
         joints, penalty = tuple(range(self.prepared.n)), inertial_penalty(self.prepared)
         each = tuple(rows[:, j] for j in joints)
         candidate = Candidate(load_effect("rigid_body"), joints[-1], ((),), joints, each, penalty)
@@ -249,10 +249,19 @@ class Problem:
         )
 
     def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
-        """Believable bounds of a term's coefficients at its joint, then of its shape parameters."""
+        """Believable bounds of a term's coefficients at its joint, then of its shape parameters.
+
+        A gain that intake noted of some joints is believed there.
+        """
         effect = term.effect
         parameters = (*(effect.coefficients[k] for k in term.subset), *effect.shape)
-        return self.prepared.bound(parameters, term.joint)
+        bounds = self.prepared.bound(parameters, term.joint)
+        factors = self.prepared.torque_factors
+        # Where all torques are of another size, the masses may as well be.
+        if isinstance(effect, MeasurementEffect) and effect.kind == "gain" and len(factors) < self.prepared.n:
+            noted = _AROUND * (factors.get(self.prepared.dataset.joints[term.joint], 1.0) - 1.0)
+            bounds[0] = min(bounds[0][0], noted), max(bounds[0][1], noted)
+        return bounds
 
     def least(self, term: ModelTerm) -> float:
         """Smallest believable size of a term's first coefficient."""

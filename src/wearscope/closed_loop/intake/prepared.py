@@ -73,6 +73,12 @@ class PreparedRun:
         """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
         return thin(x.reshape(len(x), -1), self.band).reshape(-1, *x.shape[1:])
 
+    @cached_property
+    def bodies(self) -> np.ndarray:
+        """Regressor (M, n, 10 n) of the links' inertial parameters after the common filter."""
+        s = self.signals
+        return self.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
+
 
 @dataclass
 class Prepared:

@@ -32,7 +32,7 @@ def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) ->
     s = signals
     torque = s.rigid_body.inverse_dynamics(s.q, s.v, s.a)
     if model.inertial:
-        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[: 10 * model.prepared.n]
+        torque += s.rigid_body.add_to_links(theta[: 10 * model.prepared.n], s.q, s.v, s.a)
     for term, span in zip(model.entries, model.spans, strict=True):
         if term.effect.spread and not term.is_deflection:
             torque += term.columns(signals) @ theta[span]

@@ -48,7 +48,7 @@ def predict_motor(
     torque = run.known.copy()
     if model.inertial:
         s = signals
-        torque += s.rigid_body.inertial_regressor(s.q, s.v, s.a) @ theta[: 10 * model.prepared.n]
+        torque += s.rigid_body.add_to_links(theta[: 10 * model.prepared.n], s.q, s.v, s.a)
     for i, (term, span) in enumerate(zip(model.entries, model.spans, strict=True)):
         if not term.is_measurement_error:
             torque += (shares or {}).get(i, 1.0) * (term.columns(signals) @ theta[span])

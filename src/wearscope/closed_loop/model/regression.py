@@ -87,8 +87,7 @@ class Regression:
         """Reduced regressors (M, n, P) of all terms along one run's signals."""
         parts = [np.zeros((len(run.t), self.prepared.n, 0))]
         if self.inertial:
-            s = signals
-            parts.append(run.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a)))
+            parts.append(run.bodies)
         for entry in self.entries:
             if entry.effect.spread:
                 parts.append(run.reduce(entry.columns(signals)))
