@@ -1,8 +1,7 @@
 """Gain error of the measured torque.
 
-Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent. Where the
-torques of some joints are of another size than the stated bodies need, intake notes it, and a larger error is
-believed there.
+Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent. Intake
+notes joints whose torques are of another size than the stated bodies need; larger errors are believed there.
 """
 
 from wearscope.effects.base import PAYLOAD, MeasurementEffect, Parameter

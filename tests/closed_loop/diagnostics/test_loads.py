@@ -76,7 +76,8 @@ def test_friction_by_the_load_is_that_of_the_load_there_is(record, carry, more, 
     notes = found.verdict["notes"]
     assert not [note for note in notes if "load_dependent_friction is fitted" in note]
     told = [note for note in notes if note.startswith(LOAD)]
-    assert bool(told) == (inertials == "approximate")
+    # Half a kilogram is within what a URDF's masses are usually wrong by.
+    assert bool(told) == (inertials == "approximate" and more > 1.0)
     if told:
         mass, least, most = (float(x) for x in re.findall(r"([+-][\d.]+)", told[0]))
         assert least < more < most

@@ -103,8 +103,7 @@ def test_the_quieter_of_speed_and_slope_is_used(of_position, of_speed):
     q = np.sin(FAST * T) + of_position * rng.normal(size=len(T))
     qd = speed + of_speed * rng.normal(size=len(T))
     slope, both = (
-        differentiate_run(make_run(q, qd=given), RATE, 25.0).v[100:-100, 0]
-        for given in (None, qd[:, None])
+        differentiate_run(make_run(q, qd=given), RATE, 25.0).v[100:-100, 0] for given in (None, qd[:, None])
     )
     filtered = low_pass(qd[:, None], 25.0, RATE)[100:-100, 0]
     error = [np.std(x - speed[100:-100]) for x in (slope, filtered)]

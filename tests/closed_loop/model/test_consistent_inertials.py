@@ -27,7 +27,9 @@ def project(parameters):
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_projection_where_the_loss_is_the_distance_of_pseudo_inertias(seed):
     rng = np.random.default_rng(seed)
-    start = np.concatenate([body(2.0, [0.1, 0.0, 0.2], [0.04, 0.05, 0.03]), body(1.0, [0.0, 0.1, 0.1], [0.03] * 3)])
+    start = np.concatenate(
+        [body(2.0, [0.1, 0.0, 0.2], [0.04, 0.05, 0.03]), body(1.0, [0.0, 0.1, 0.1], [0.03] * 3)]
+    )
     free = start + 0.1 * rng.standard_normal(20)
     free[10] = -0.2
     hessian = np.kron(np.eye(2), AS_MATRIX.T @ AS_MATRIX)

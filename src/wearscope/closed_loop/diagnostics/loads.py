@@ -9,7 +9,7 @@ from scipy import stats
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.model.estimation import estimate
-from wearscope.closed_loop.model.loads import OTHER, find_other_loads
+from wearscope.closed_loop.model.loads import find_other_loads
 from wearscope.closed_loop.model.prediction import Predicted, find_signals, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -20,6 +20,8 @@ from wearscope.effects.vocabulary import session_effects
 _MOST = 0.5
 #: Share of what refitted masses remove that a payload removes, which may be what they stand in for.
 _ALIKE = 0.9
+#: Share of a joint's torque (RMS) by which a URDF's masses are usually wrong, of which no load is told.
+_USUAL = 0.1
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
 #: Singular values of a run's load, over the largest one, that count.
@@ -105,7 +107,7 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
 
 
 def tell_payload(after: Regression) -> list[str]:
-    """A sentence where a payload in the place of refitted masses does nearly all that they do; else nothing.
+    """A sentence where a payload does nearly all that masses refitted unusually far do; else nothing.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ def tell_payload(after: Regression) -> list[str]:
     count, runs = 10 * prepared.n, prepared.runs_for("train")
     stated = np.concatenate([run.reduce(run.known) for run in runs])
     added = np.concatenate(after.columns)[..., :count] @ after.solve()[:count]
-    if not np.any(np.linalg.norm(added, axis=0) > OTHER * np.linalg.norm(stated, axis=0)):
+    if not np.any(np.linalg.norm(added, axis=0) > _USUAL * np.linalg.norm(stated, axis=0)):
         return []
     payload = ModelTerm(effect, prepared.n - 1, (), tuple(range(len(effect.coefficients))))
     trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)

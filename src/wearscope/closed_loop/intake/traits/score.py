@@ -168,7 +168,9 @@ class Fit:
         """What coefficients leave of each torque, shares of its variance."""
         z = np.column_stack([x[np.array(self.index)], np.full(len(self.index), -1.0)])
         # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
-        signed, sizes = ((x[:, None] @ g @ x[:, :, None]).ravel() for x, g in ((z, grams), (abs(z), abs(grams))))
+        signed, sizes = (
+            (x[:, None] @ g @ x[:, :, None]).ravel() for x, g in ((z, grams), (abs(z), abs(grams)))
+        )
         return np.maximum(signed, _EPS * sizes)
 
     def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
