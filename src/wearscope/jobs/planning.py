@@ -143,18 +143,20 @@ class Plan:
         """A table of the study, as one file; or as one a partition, from which it would be joined."""
         return self.parts(table) if self.study.divide() else [f"{self.folder}/{table}.parquet"]
 
-    def figure_files(self, names: Iterable[str], report: Callable[..., Any]) -> dict[str, Any]:
-        """SVG files, with what Snakemake's `report` takes, and PNG files of some figures."""
+    def figure_files(
+        self, names: Iterable[str], folder: str, mark: Callable[..., Any] = lambda file, **about: file
+    ) -> dict[str, Any]:
+        """SVG files, marked with what Snakemake's `report` takes, and PNG files of figures in a folder."""
         files = {}
         for name in names:
             caption = "scope" if name in self.scope_figures else name
-            files[f"{name}_svg"] = report(
-                f"{self.folder}/figures/{name}.svg",
+            files[f"{name}_svg"] = mark(
+                f"{folder}/figures/{name}.svg",
                 caption=f"../report/{caption}.rst",
                 category=self.categories[name],
                 labels={"figure": name.replace("_", " ")},
             )
-            files[f"{name}_png"] = f"{self.folder}/figures/{name}.png"
+            files[f"{name}_png"] = mark(f"{folder}/figures/{name}.png")
         return files
 
     def recordings_of(self, sets: Iterable[str], chunk: str = "0") -> list[str]:

@@ -4,7 +4,7 @@ The checksum of ``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.js
 `sha256sum` writes it.
 
 An answer is shown as a whole: the old one or the new one, whatever is killed in between. Jobs make it in a
-folder of their own, that of a study in its ``parts/answer``. Then its files take the place of the old ones
+folder of their own, those of a study in its ``parts``. Then its files take the place of the old ones
 together: a folder `READY`, which appears in one step, holds them until each has its place. Whoever looks next
 finishes that.
 """
