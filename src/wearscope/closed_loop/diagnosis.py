@@ -1,6 +1,5 @@
 """The one door: `diagnose(dataset)` reads, searches, fits and marks, and returns a `Diagnosis`."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -93,7 +92,7 @@ class Diagnosis(Outcome):
         tables.write_table(out / "residual.parquet", table, RESIDUAL_UNITS | units)
         tables.write_table(out / "candidates.parquet", self.candidates)
         verdict = self.verdict | (extra or {})
-        tables.write_text(out / "verdict.json", json.dumps(verdict, indent=2) + "\n")
+        tables.write_json(out / "verdict.json", verdict)
         return verdict
 
 

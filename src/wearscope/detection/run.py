@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
+from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
-from wearscope.closed_loop.posing import find_prismatic
+from wearscope.closed_loop.posing import read_measured
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.detection.recordings import MotionGroup, Refused, bridge_events, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
@@ -160,7 +160,7 @@ def ask_recordings(
             f"detect: a false-alarm rate of {setting.p_f:g} takes {least_runs(setting.p_f)} runs without "
             f"wear, but detect.runs is {setting.runs}; raise it, or detect.p_f."
         )
-    dataset = dataset if isinstance(dataset, Dataset) else _read(dataset)
+    dataset = dataset if isinstance(dataset, Dataset) else read_measured(dataset)
     prepared = prepare(dataset)
     check_plausibility(prepared)
     prepared, events = bridge_events(prepared)
@@ -204,12 +204,7 @@ def check_recordings(dataset: str | Path) -> None:
     InputError
         As of `ask_recordings`.
     """
-    sort_recordings(prepare(_read(dataset)))
-
-
-def _read(dataset: str | Path) -> Dataset:
-    path = Path(dataset)
-    return read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+    sort_recordings(prepare(read_measured(dataset)))
 
 
 @dataclass(frozen=True)

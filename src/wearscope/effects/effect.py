@@ -276,8 +276,12 @@ class Effect:
 
     def pack(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and shape vectors of named values, defaults filled in."""
-        take = lambda ps: np.array([values.get(p.name, p.default) for p in ps], dtype=float)  # noqa: E731
-        return take(self.coefficients), take(self.shape)
+        filled, count = np.array(list(self.fill(values).values())), len(self.coefficients)
+        return filled[:count], filled[count:]
+
+    def fill(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of all parameters by name, defaults filled in."""
+        return {p.name: float(values.get(p.name, p.default)) for p in self.parameters}
 
     def shapes(self, signals: Signals, joint: int) -> np.ndarray:
         """Shape vectors worth trying for given signals, (S, k)."""
@@ -344,11 +348,7 @@ class Effect:
         """Lowest and highest temperature [deg C], exclusive, at which the effect holds with given values."""
         if self.limit_temperature is None:
             return -np.inf, np.inf
-        coefficients, shape = self.pack(values)
-        numbers = [*coefficients.tolist(), *shape.tolist()]
-        return self.limit_temperature(
-            {p.name: value for p, value in zip(self.parameters, numbers, strict=True)}
-        )
+        return self.limit_temperature(self.fill(values))
 
     def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
         """Signals that the effect with given shape parameters (k,) at a joint depends on."""

@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from wearscope.evaluation.grouping import bootstrap_indices
+
 Array = NDArray[np.float64]
 
 CELL_OF_DETECTOR = ["robot", "cycle", "axis"]
@@ -101,7 +103,7 @@ def _resample(values: Array, statistic: Callable[[Array], Array]) -> Array:
     """Statistic of resampled rows, (`DRAWS`, columns); the draws depend on the number of rows only."""
     n = len(values)
     rng = np.random.default_rng(np.random.SeedSequence([n, 29]))
-    return statistic(values[rng.integers(0, n, size=(DRAWS, n))])
+    return statistic(values[bootstrap_indices(n, DRAWS, rng)])
 
 
 def _estimate(value: float, boot: Array, n: int) -> Estimate:

@@ -10,7 +10,8 @@ from scipy import special
 
 from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.grouping import bootstrap_indices
-from wearscope.evaluation.ranking import FEW, rank_deployable
+from wearscope.evaluation.paired_estimates import CELL_OF_DETECTOR, FEWEST
+from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.scope import count_scope
 from wearscope.surrogates.fitting import CELL
 
@@ -18,7 +19,6 @@ from wearscope.surrogates.fitting import CELL
 RESAMPLINGS = 20
 #: Of these, in how many the same detector must come out for the recommendation to count as settled.
 SETTLED = 18
-_UNIT = [name for name in CELL if name != "fda"]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def recommend(
     """The detector that comes out most often when the choice is made again.
 
     In each resampling every cell's SNR is drawn anew within its interval; combinations of robot, test-cycle
-    and axis are resampled where there are `FEW` or more; and what is withheld is decided again.
+    and axis are resampled where there are `FEWEST` or more; and what is withheld is decided again.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def recommend(
     if detector != first:
         tied = sorted({*tied, first} - {detector, ""})
     free = snr[~snr["fda"].isin([*upper, *withheld]) & snr["snr_exact"].notna()]
-    best = free.sort_values("snr_exact").groupby(_UNIT)["fda"].last()
+    best = free.sort_values("snr_exact").groupby(CELL_OF_DETECTOR)["fda"].last()
     chosen = Recommendation(detector, tied, found[detector], len(best), int((best == detector).sum()))
     return chosen, ranking
 
@@ -149,10 +149,10 @@ def _resample(
     half = ((rows["snr_high"] - rows["snr_low"]) / 2).fillna(0.0)
     moved = half / special.ndtri(0.975) * stream.standard_normal(len(rows))
     rows[columns] = rows[columns].add(moved, axis=0)
-    units = snr[_UNIT].drop_duplicates()
-    if len(units) < FEW:
+    units = snr[CELL_OF_DETECTOR].drop_duplicates()
+    if len(units) < FEWEST:
         return rows, reach
     drawn = units.iloc[bootstrap_indices(len(units), 1, stream)[0]].assign(copy=range(len(units)))
-    again = [drawn.merge(table, on=_UNIT) for table in (rows, reach)]
+    again = [drawn.merge(table, on=CELL_OF_DETECTOR) for table in (rows, reach)]
     named = [one.assign(cycle=one["cycle"].astype(str) + "#" + one["copy"].astype(str)) for one in again]
     return named[0], named[1]

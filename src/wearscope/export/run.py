@@ -1,6 +1,5 @@
 """A model exported into a folder: URDF, MJCF, a table of parameters, and what the formats cannot hold."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -127,7 +126,7 @@ def export_model(
     tables.write_text(out / "robot.xml", write_mjcf(model, held))
     tables.write_text(out / "isaac_lab.json", write_isaac_lab(model, held))
     tables.write_text(out / "parameters.csv", list_parameters(model, verdict).to_csv(index=False))
-    tables.write_text(out / "export.json", json.dumps(summary, indent=2) + "\n")
+    tables.write_json(out / "export.json", summary)
     return summary
 
 

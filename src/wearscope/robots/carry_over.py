@@ -86,10 +86,7 @@ def carry_over(
                     "assumed": True,
                 }
             )
-    if not added:
-        return model
-    own = [entry.model_dump(mode="json", exclude_unset=True) for entry in model.effects]
-    return model.replace(effects=[*own, *added])
+    return model.add_effects(added) if added else model
 
 
 def scale_parameters(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect, PayloadEffect, Signals
+from wearscope.effects.base import Effect, Parameter, PayloadEffect, Signals
 from wearscope.effects.vocabulary import plain_friction, session_effects
 
 if TYPE_CHECKING:
@@ -67,9 +67,9 @@ class Change:
         return list(dict.fromkeys(term.effect.name for term in self.terms))
 
     @property
-    def parameters(self) -> list[tuple[Effect, str]]:
+    def parameters(self) -> list[tuple[Effect, Parameter]]:
         """Effect and parameter of each coefficient."""
-        return [(term.effect, term.effect.coefficients[k].name) for term in self.terms for k in term.subset]
+        return [(term.effect, term.effect.coefficients[k]) for term in self.terms for k in term.subset]
 
     def spread_over(self, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Change and standard error of each coefficient, of those of the columns."""

@@ -95,10 +95,9 @@ def list_estimates(
             continue
         values, errors = fit.values[change.key], fit.error(change)
         units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
-        for (effect, name), value, half in zip(change.parameters, values, WIDTH * errors, strict=True):
-            parameter = next(x for x in effect.coefficients if x.name == name)
+        for (effect, parameter), value, half in zip(change.parameters, values, WIDTH * errors, strict=True):
+            name, unit = parameter.name, parameter.unit_at(*units)
             was = find_value(structure, reference.belief.mean, change, effect.name, name)
-            unit = parameter.unit_at(*units)
             rows.append(_row(joint, effect.name, name, unit, was, float(value), float(half), p, is_named))
     return {"rows": rows, "series": series}
 

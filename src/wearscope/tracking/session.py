@@ -12,6 +12,7 @@ from scipy import optimize
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.events import Event, find_events, leave_out
+from wearscope.robots.spatial import Inertia
 from wearscope.tracking.changes import BODY, FRICTION, Change
 from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit
 from wearscope.tracking.reference import Reference, leave_changes
@@ -266,21 +267,20 @@ def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str,
             "key": f"{change.effects[0] if change.kind == BODY else change.name}@{change.joint}",
         }
         sure = np.abs(value) > WIDTH * error
-        for (effect, name), x, half, is_sure in zip(
+        for (effect, parameter), x, half, is_sure in zip(
             change.parameters, value, WIDTH * error, sure, strict=True
         ):
             ends = [float(x - half), float(x + half)]
-            if change.kind == BODY and name == "mass":
+            if change.kind == BODY and parameter.name == "mass":
                 mass, low, high = weigh_change(assessment, reference, change)
                 x, ends, is_sure = mass, [low, high], True
             if effect.is_thermal or (not is_sure and sure.any()):
                 continue
-            parameter = next(p for p in effect.coefficients if p.name == name)
             entries.append(
                 {
                     "joint": structure.joints[change.joint],
                     "effect": effect.name,
-                    "parameter": name,
+                    "parameter": parameter.name,
                     "change": float(x),
                     "ci95": ends,
                     "unit": parameter.unit_at(*units),
@@ -317,10 +317,7 @@ def point_parameters(mass: float, place: np.ndarray, radius: float = 0.0) -> np.
 
     `radius` is that of gyration about its own centre.
     """
-    x, y, z = place
-    own = radius**2
-    inertia = (y * y + z * z + own, -x * y, x * x + z * z + own, -x * z, -y * z, x * x + y * y + own)
-    return mass * np.array([1.0, x, y, z, *inertia])
+    return Inertia(mass, place, mass * radius**2 * np.eye(3)).to_parameters()
 
 
 def weigh_point(

@@ -176,6 +176,12 @@ class Structure:
             return np.asarray(size * signals.v[:, joint])
         return np.asarray(self.scales.friction[joint] * signals.sign[:, joint])
 
+    def place(self, joint: int, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, p) of one joint's torque as regressors (N, n, p)."""
+        placed = np.zeros((len(columns), self.n, columns.shape[1]))
+        placed[:, joint] = columns
+        return placed
+
     def columns(self, signals: Signals) -> np.ndarray:
         """Full-rate regressors (N, n, width); a temperature that was not recorded is taken as the mean."""
         parts = []
@@ -187,10 +193,8 @@ class Structure:
             warmth = signals.temperature[:, j]
             known = np.where(np.isfinite(warmth), warmth, self.temperature[j])
             features = temperature_features(known, float(self.temperature[j]))
-            for viscous in (False, True):
-                part = np.zeros((len(signals.t), self.n, features.shape[1]))
-                part[:, j] = features * self.friction_column(signals, j, viscous)[:, None]
-                parts.append(part)
+            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
+            parts += [self.place(j, features * side) for side in sides]
         if not parts:
             return np.zeros((len(signals.t), self.n, 0))
         return np.concatenate(parts, axis=2)
@@ -203,8 +207,6 @@ class Structure:
                 continue
             if np.isfinite(self.temperature[j]) and np.isfinite(signals.temperature[:, j]).all():
                 continue
-            for viscous in (False, True):
-                part = np.zeros((len(signals.t), self.n, 1))
-                part[:, j, 0] = SLOPE * UNRECORDED * self.friction_column(signals, j, viscous)
-                parts.append(part)
+            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
+            parts += [self.place(j, SLOPE * UNRECORDED * side) for side in sides]
         return np.concatenate(parts, axis=2)

@@ -40,13 +40,7 @@ def make_healthy_model(
     """
     robot = make_corrected_model(diagnosis.prepared, model, estimate(model), STAGE)
     told = f"{diagnosis.prepared.dataset.fields.description} As its healthy sessions show it.".strip()
-    return add_effects(robot, list_thermal(structure, belief, robot)).replace(description=told)
-
-
-def add_effects(robot: RobotModel, entries: Sequence[Mapping[str, Any]]) -> RobotModel:
-    """The model with further effects."""
-    own = [entry.model_dump(mode="json", exclude_unset=True) for entry in robot.effects]
-    return robot.replace(effects=[*own, *entries])
+    return robot.add_effects(list_thermal(structure, belief, robot)).replace(description=told)
 
 
 def list_thermal(structure: Structure, belief: Belief, robot: RobotModel) -> list[dict[str, Any]]:
@@ -122,5 +116,5 @@ def make_tracked_model(healthy: RobotModel, worn: Sequence[Mapping[str, Any]]) -
     axes = [joint for joint in healthy.joints if joint in last]
     others = [joint for joint in healthy.wear_joints if joint not in last]
     wearing = sorted([*axes, *others][: len(healthy.wear_joints)], key=healthy.joints.index)
-    model = add_effects(healthy, entries)
+    model = healthy.add_effects(entries)
     return model if wearing == healthy.wear_joints else model.replace(wear_axes=wearing)
