@@ -31,7 +31,7 @@ from wearscope.robots.dynamics import N_PARAMETERS
 
 #: Form error, a share of a torque's variance; most independent rows; nats that a term must gain.
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
-#: Blocks that are joined, and fewest sums of them, for the memory of what is left.
+#: Numbers of blocks that are joined, and fewest joined blocks, to estimate the residual's autocorrelation.
 _JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
