@@ -18,7 +18,7 @@ from wearscope.effects.vocabulary import session_effects
 
 #: Share of what is left, over all joints, that loads by run explain at least.
 _MOST = 0.5
-#: Share of what refitted masses remove that a payload removes, which may be what they stand in for.
+#: A payload may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
@@ -67,7 +67,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
-    unit = max(size[0], 1e-300)  # zero where the motion of one joint does not show a mass by itself
+    unit = max(size[0], 1e-300)  # zero where one joint's motion does not show a mass by itself
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
@@ -87,7 +87,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
 
 
 def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
-    """A sentence on each effect by the load where the corrected model's bodies have another load.
+    """A sentence on each load-dependent effect whose load differs from that of the corrected model's bodies.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def tell_payload(after: Regression) -> list[str]:
     low, high = found.intervals["mass"]
     moment = np.array([found.values[f"moment_{axis}"] for axis in "xyz"])
     reach = scale_payload(runs[0].signals.rigid_body)[1]
-    # What stands further away than the robot reaches is no payload.
+    # A payload cannot be further away than the robot reaches.
     if share < _ALIKE or low <= 0.0 <= high or np.linalg.norm(moment) > reach * abs(found.values["mass"]):
         return []
     return [

@@ -93,7 +93,7 @@ class Reversals:
         return (self.form != other.form) | (np.abs(self.width - other.width) > share * other.width)
 
     def change_form(self, step: int) -> "Reversals":
-        """Each joint's form replaced by the one `step` places later, its speed at half of the friction kept."""
+        """Each joint's form replaced by the one `step` places later; its half-friction speed stays."""
         form = (self.form + step) % len(FORMS)
         return Reversals(self.width * _HALF[self.form] / _HALF[form], form)
 
