@@ -1,4 +1,4 @@
-"""What may change between sessions: hypotheses, each a group of columns that have another weight."""
+"""Hypotheses of what may change between sessions: each is a group of columns with other weights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,12 +15,13 @@ if TYPE_CHECKING:
 
 #: A joint's friction as a whole, as a change and in the tables.
 FRICTION = "friction"
-#: What changes of a joint exclude each other: its friction, a torque of its position, a body on its link.
+#: Kinds of change of which a joint has one at most, next to friction: a torque by position, a body on its
+#: link.
 PLACE, BODY = "place", "body"
-#: Nats by which each place in the vocabulary's order of changes is rarer than the one before, and by which
-#: something that has to be mounted is.
+#: Nats by which each effect in the vocabulary's order of changes is rarer than the one before; nats by which
+#: a part that must be mounted is rarer.
 _RARER, _MOUNTED = 0.3, 2.0
-#: Parameters of a body without its inertia.
+#: Number of a body's parameters without its inertia.
 _STATIC = 4
 
 
@@ -72,7 +73,7 @@ class Change:
         return [(term.effect, term.effect.coefficients[k]) for term in self.terms for k in term.subset]
 
     def spread_over(self, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change and standard error of each coefficient, of those of the columns."""
+        """Change and standard error of each coefficient, from those of the columns."""
         if not self.weights:
             return value, error
         weights = np.array(self.weights)
@@ -89,7 +90,7 @@ def _term_columns(term: ModelTerm, signals: Signals, bodies: np.ndarray) -> np.n
     if isinstance(term.effect, PayloadEffect):
         return bodies[:, :, 10 * term.joint + np.array(term.subset)]
     if term.effect.needs_wear:
-        # At f = 1: what is estimated is the wear's torque, not how worn it is.
+        # At f = 1: the torque of the wear is estimated, not the level of wear.
         signals = replace(signals, wear=np.ones_like(signals.v))
     return term.columns(signals)
 

@@ -25,9 +25,10 @@ from wearscope.tracking.worn import Worn, identify_wear
 
 #: Standard errors of a 95 % interval.
 WIDTH = 2.0
-#: Kelvin beyond the reference's temperatures that are still those of the reference.
+#: A temperature counts as one of the reference's up to so many kelvin beyond them.
 _BEYOND = 1.0
-#: A change of friction of this share must be seen, were the temperature's part known; else it is said.
+#: It is reported where a change of friction by the first share could not be seen, though one by the second
+#: could if the temperature's part were known.
 _HIDDEN, _SEEN = 0.3, 0.15
 
 
@@ -89,7 +90,7 @@ def assess_runs(
     session: str, runs: Sequence[PreparedRun], reference: Reference, notes: Sequence[str] = (),
     level: float = FALSE_ALARM_RATE,
 ) -> Assessment:  # fmt: skip
-    """What changed in a session's runs, prepared in the reference's frame."""
+    """Assess a session's runs, which were prepared in the reference's frame."""
     structure = reference.structure
     events = find_session_events(reference, runs)
     runs = leave_out(runs, events, structure.joints)
@@ -251,8 +252,8 @@ def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joi
 def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str, Any]]:
     """Entries of `tracking.json` for what a session shows, without `since`; a parameter each.
 
-    Parameters that their interval does not tell from zero are left out where another one of the change is. A
-    body is told by its mass in kg, as a point, and by its moments.
+    A parameter whose interval holds zero is left out if another parameter of the same change is significant.
+    A body is described by its mass in kg, as a point, and by its moments.
     """
     structure, entries = reference.structure, []
     for change in assessment.named:
@@ -372,7 +373,7 @@ def weigh_point(
             place = fit.x
             tried.append((2.0 * fit.cost, mass, place))
         found.append(tried)
-    # What a motion does not tell from an added body is none that was taken away.
+    # A body counts as removed only where the motion clearly tells it from an added one.
     added, removed = (min(cost for cost, _, _ in tried) for tried in found)
     chosen = found[1] if removed < added - _RISE else found[0]
     cost, mass, place = min(chosen, key=lambda one: one[0])

@@ -1,4 +1,4 @@
-"""The reference's structure, held: its terms along any run, and what temperature may do to them.
+"""The reference's fixed structure: its terms along any run, and how temperature may change them.
 
 What a joint's friction gains from one temperature to another is a Gaussian process with the squared
 exponential kernel, written in its features about the reference's mean temperature (Rasmussen and Williams
@@ -29,7 +29,7 @@ LENGTH = 25.0
 SLOPE = 0.03
 #: Standard deviation [K] of a temperature that nobody recorded.
 UNRECORDED = 10.0
-#: Features: beyond these nothing is left within two lengths of the mean.
+#: Number of features: higher orders are negligible within two lengths of the mean.
 _ORDERS = 8
 
 
@@ -87,7 +87,7 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Terms of the healthy machine, their shapes held.
+    """Terms of the healthy machine, with fixed shapes.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Structure:
 
     @property
     def prepared(self) -> "Structure":
-        """What the closed loop's predictions ask for the number of joints."""
+        """Itself: the closed loop's predictions read the number of joints from a `prepared` data set."""
         return self
 
     @property
@@ -170,7 +170,7 @@ class Structure:
         return replace(signals, torque=motor, lag=find_lags(model, self.theta))
 
     def friction_column(self, signals: Signals, joint: int, viscous: bool) -> np.ndarray:
-        """Torque (N,) of Coulomb or viscous friction of the RMS of all the joint's friction."""
+        """Torque (N,) of Coulomb or viscous friction whose RMS is that of all the joint's friction."""
         if viscous:
             size = self.scales.friction[joint] / self.scales.speed[joint]
             return np.asarray(size * signals.v[:, joint])

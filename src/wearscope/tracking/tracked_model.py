@@ -15,12 +15,12 @@ from wearscope.effects.vocabulary import thermal_friction
 from wearscope.robots.model import RobotModel
 from wearscope.tracking.structure import Belief, Structure, count_features, temperature_features
 
-#: Stage by which the model goes: its file is ``model_tracked.yaml``.
+#: Stage in the name of the model's file, ``model_tracked.yaml``.
 STAGE = "tracked"
-#: p-value at which healthy sessions show a dependence on temperature; and the half width of the interval of
-#: a change by so many kelvin, as a share of friction, below which they show that there is little.
+#: p-value at which healthy sessions show a dependence on temperature. Otherwise the dependence is known to be
+#: small where a change by so many kelvin has an interval of at most this half width, as a share of friction.
 _SHOWN, _KELVIN, _NARROW = 0.01, 10.0, 0.05
-#: Span of temperatures [K] below which a slope is none.
+#: Smallest span of temperatures [K] from which a slope is taken.
 _LEAST_SPAN = 2.0
 
 

@@ -21,7 +21,7 @@ from wearscope.tracking.rows import RunRows
 
 #: Widths of the bump that are tried, as shares of the joint's top speed.
 WIDTHS = np.geomspace(0.01, 1.0, 16)
-#: Draws that make an interval, and their seed.
+#: Number of draws for an interval, and their seed.
 _DRAWS, _SEED = 4000, 17
 #: Wear level at which the worn friction is as large as the healthy one.
 WHOLE = 100.0
@@ -85,7 +85,7 @@ def fit_wear(
     fits = [evidence.fit([*given, change]) for change in tried]
     misfit = [fit.strain + 0.5 * float(evidence.count @ (fit.fitted / evidence.variance)) for fit in fits]
     best = int(np.argmin(misfit))
-    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
+    # Each column has the sign of the motion, so the sum of the columns' sizes tells whether friction grew.
     z, value = evidence.z[:, joint, evidence.at[tried[best].key]], fits[best].values[tried[best].key]
     if float(np.sqrt((z**2).sum(axis=0)) @ value) <= 0.0:
         return None
