@@ -233,7 +233,7 @@ def _compare_temperatures(tested: Tested) -> dict[tuple[str, str], float]:
 
 
 def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:
-    """What a value is: see `Detection.detection`."""
+    """Verdict on a value; the words are explained at `Detection.detection`."""
     if status != OK:
         return FAILED
     if not np.isfinite(row["threshold"]):

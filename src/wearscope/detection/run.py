@@ -258,11 +258,10 @@ class _Work:
             yield "at", f"{group.name}: the answers to {one.file}"
             if alone:
                 yield ask(NOMINAL, one.file, one.session, None, whole, one.batch)
-            elif count > 1:  # a recording that a detector was fitted to says nothing of its scatter
+            elif count > 1:  # a detector's scatter shows only in recordings that it was not fitted to
                 others = fit_panel(self.detectors, self.joints, measured[:k] + measured[k + 1 :], declared)
                 yield ask(NOMINAL, one.file, one.session, None, others, one.batch)
-        # As the nominal recordings are left out in turn, so is one of the simulated ones for their
-        # comparison.
+        # The nominal recordings are left out in turn; to be comparable, so is one of the simulated ones.
         fewer = panel
         if count > 1 and not alone:
             fewer = fit_panel(self.detectors, self.joints, nominal[:-1], declared)

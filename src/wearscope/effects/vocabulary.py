@@ -1,4 +1,4 @@
-"""The vocabulary as a whole: which effects there are, which a model may lack, and what tells them apart."""
+"""The vocabulary as a whole: all effects, and those with a role, such as candidates for a model."""
 
 from collections.abc import Collection, Iterable, Sequence
 from functools import cache
@@ -48,7 +48,7 @@ def empirical_effect() -> Effect:
 
 
 def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
-    """Declared effects whose value a field gives, so that there is nothing to fit.
+    """Declared effects whose value a field of the data set gives, so that nothing is fitted.
 
     Parameters
     ----------

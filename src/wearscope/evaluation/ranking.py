@@ -13,7 +13,7 @@ from wearscope.evaluation.grouping import bootstrap_indices, check_group
 from wearscope.evaluation.paired_estimates import FEWEST, Array, nan_median
 from wearscope.surrogates.fitting import CELL, cell_name
 
-#: Values that a block of resamplings holds at most.
+#: Largest number of values that one block of resamplings holds in memory.
 _BLOCK = 1_000_000
 
 
@@ -159,7 +159,7 @@ def _describe_group(
     places: tuple[int, int, int],
     tied: Sequence[str],
 ) -> dict[str, Any]:
-    """A group's columns, of its cells' values (N,), its rank and the interval of that."""
+    """A group's columns from its cells' values (N,), its rank and the interval of the rank."""
     return {
         "n": int(np.sum(~np.isnan(values))),
         "n_nan": int(np.sum(np.isnan(values))),

@@ -1,4 +1,4 @@
-"""Which detector to recommend, and how often it would come out again."""
+"""Which detector to recommend, and how often a resampled study would recommend the same."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
@@ -15,9 +15,9 @@ from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.scope import count_scope
 from wearscope.surrogates.fitting import CELL
 
-#: How often the choice is made again.
+#: Resamplings: how often the choice of a detector is repeated on resampled cells.
 RESAMPLINGS = 20
-#: Of these, in how many the same detector must come out for the recommendation to count as settled.
+#: Resamplings in which the same detector must be chosen for the recommendation to count as settled.
 SETTLED = 18
 
 
@@ -87,7 +87,7 @@ def reach_table(scope: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the exact method, of the other where that was not asked."""
+    """Rows of the exact method, or of the other method where the study did not ask for the exact one."""
     exact = scope["method"] == "exact"
     return scope[exact] if exact.any() else scope
 
@@ -143,7 +143,7 @@ def recommend(
 def _resample(
     snr: pd.DataFrame, reach: pd.DataFrame, stream: np.random.Generator
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Both tables with other values within the intervals, of other combinations where there are enough."""
+    """Both tables resampled: values within their intervals, combinations where there are enough."""
     columns = ["snr_exact", "snr_low", "snr_high"]
     rows = snr.reindex(columns=list(dict.fromkeys([*snr.columns, *columns])))
     half = ((rows["snr_high"] - rows["snr_low"]) / 2).fillna(0.0)

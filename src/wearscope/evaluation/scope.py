@@ -21,7 +21,7 @@ from wearscope.surrogates.surrogate import Surrogate, expand_coefficients
 
 METHODS = ("exact", "kde")
 Array = NDArray[np.float64]
-#: Share of the draws of a surrogate for which a grid cell must pass to count as sure.
+#: A grid cell is sure where it passes for at least this share of a surrogate's draws.
 SURE = 0.95
 COUNTS = ("cells", "passes", "known", "sure", "differ")
 _GRID = ["factor", "method", "delta", "sigma"]
@@ -62,7 +62,7 @@ def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
 
 
 def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Counts of all parts together, each of other cells; one part and the sum are held at a time.
+    """Sum of the counts of parts with different cells; memory holds one part and the sum at a time.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _add(table: pd.DataFrame) -> pd.DataFrame:
 
 
 _REACH = 9.0
-#: Brackets that shrink no more are left out when they are more than the rest of this share.
+#: Brackets that have shrunk to one rounding unit are dropped once fewer than this share still shrink.
 _CROWDED = 0.9
 
 

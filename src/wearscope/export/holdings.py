@@ -1,4 +1,4 @@
-"""What a format can hold of a model's effects, and what is left."""
+"""Which of a model's effects a format can hold, and which are left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ URDF, MJCF, ISAAC = "URDF", "MJCF", "Isaac Lab"
 FORMATS = (URDF, MJCF, ISAAC)
 #: Effects that bodies and rotors of the model hold already.
 BODIES = (RigidBodyEffect, ArmatureEffect, PayloadEffect, InertialEffect)
-#: Passive terms that a format has not.
+#: Passive terms that each format lacks.
 LACKS = {
     URDF: {
         "quadratic": "URDF's damping is linear in the speed",
@@ -40,9 +40,9 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
-#: Highest frequency of a gear with the inertia on its two sides, and of a joint's inertia on the bristles of
-#: its friction where the model knows no displacement [rad/s]: together, those of eight joints stay below the
-#: 2000 rad/s that a step of 1 ms takes.
+#: Highest frequency [rad/s] of a gear with the inertia on its two sides, and of a joint's inertia on the
+#: bristles of its friction where the model knows no displacement. Coupled, eight joints of this frequency
+#: stay below the 2000 rad/s that a step of 1 ms can follow.
 FASTEST = 700.0
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3
@@ -133,12 +133,12 @@ class Holdings:
 
 
 def without_motors(held: Holdings) -> Holdings:
-    """What MJCF holds without passive motors and gears."""
+    """Holdings of MJCF without passive motors and gears."""
     return replace(held, falling={}, presliding={}, wave={}, gear={})
 
 
 def held_by(held: Holdings, format: str) -> Holdings:
-    """What a format holds, as MuJoCo can run it."""
+    """A format's holdings in a form that MuJoCo can run."""
     if format == MJCF:
         return held
     zero = np.zeros_like(held.friction)
@@ -302,7 +302,7 @@ def _as_payload(body: Inertia) -> Payload:
 
 
 def _refuse_negative(held: Holdings, model: RobotModel) -> None:
-    """Leave out what a format takes from zero on only."""
+    """Leave out negative values that a format refuses."""
     for values, what in (
         (held.friction, "Coulomb friction"),
         (held.damping, "viscous friction"),

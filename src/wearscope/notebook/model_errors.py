@@ -30,7 +30,7 @@ HORIZONS = (0.1, 0.5, 2.0)
 MOST_ROLLOUTS = 20
 #: A joint moves above this share of its highest speed.
 MOVING = 0.01
-#: Speed [rad/s or m/s] that a joint at rest has by rounding at most.
+#: Largest speed that rounding gives a joint at rest [rad/s or m/s].
 _ROUNDING = 1e-9
 _SEED, _DRAWS = 17, 400
 
@@ -117,7 +117,7 @@ def evaluate_model(
 
 
 def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
-    """At how many joints, and for how many seconds, a table of torque errors judges; and what it does not."""
+    """Number of joints and seconds that a table of torque errors judges, and what is left unjudged."""
     known = torque[torque["error_percent"].notna()]
     names = [joint for joint in prepared.dataset.joints if joint in set(known["joint"])]
     runs = {run.label: float(run.t[-1] - run.t[0]) for run in prepared.runs}

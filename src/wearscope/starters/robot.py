@@ -26,7 +26,7 @@ from wearscope.starters.figures import (
 from wearscope.starters.writing import fill_template
 from wearscope.storage.files import copy_file
 
-# Beyond these nothing is a robot's joint [rad or m; per s].
+# Least range [rad or m], least and largest speed [per s] of a robot's joint.
 LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 5e-3, 1e3
 # Assumed where nothing is stated.
 SPEED = {"rad": 2.0, "m": 0.5}
@@ -155,8 +155,9 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
 def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], speed: Array) -> Array:
     """Torque (n,) that a drive of the joint's size works with.
 
-    The limit may be a placeholder, far beyond what the joint ever needs, and what the arm alone needs at a
-    light wrist is far below its drive: the geometric mean of the two, unless the stated friction says more.
+    The limit may be a placeholder, far beyond what the joint ever needs; the torque that the arm needs at a
+    light wrist is far below that of its drive. So the usual torque is the geometric mean of the two, unless
+    the stated friction is larger.
     """
     stated = [friction["coulomb"].values / COULOMB_SHARE, friction["viscous"].values * speed / VISCOUS_SHARE]
     return np.minimum(limit, np.nanmax([*stated, np.sqrt(limit * needed)], axis=0))
@@ -229,7 +230,7 @@ def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[st
 def _read_friction(
     stated: Stated, ordered: Sequence[Joint], torque: Array, speed: Array
 ) -> dict[str, Figures]:
-    """Friction that options or the URDF state; NaN where nobody does."""
+    """Friction that options or the URDF state; NaN where neither does."""
     n = len(ordered)
     efficiency = take_option("efficiency", stated.efficiency, n)
     losses: list[Figures | None] = [None, None]

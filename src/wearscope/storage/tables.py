@@ -262,7 +262,7 @@ def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
 
 
 def to_frame(table: pa.Table, where: str | Path) -> Any:
-    """Data frame of a table, whatever its file says of pandas.
+    """Data frame of a table; pandas metadata in the file is ignored.
 
     Raises
     ------
