@@ -59,7 +59,7 @@ from wearscope.reporting.study_background import (
 )
 
 DEMONSTRATION = "twin"
-#: Sentences of a card; its section has the others.
+#: Largest number of sentences on a card; the section below has the others.
 MOST = 2
 
 
@@ -114,7 +114,7 @@ def _first(study: Study) -> dict[str, str]:
 
 
 def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
-    """What the conclusion leaves open, then the first sentences of each answer."""
+    """Sentences that the conclusion leaves open, then the first sentences of each answer."""
     cards = [
         (title, told[name][:MOST], name, more)
         for title, name, more in (
@@ -259,7 +259,7 @@ def _thresholds(study: Study, table: pd.DataFrame) -> Markup:
 
 
 def _loops(study: Study) -> Markup:
-    """The conclusion of each closed loop of the study; its page has the rest."""
+    """Conclusion of each closed loop of the study; details are on the loop's own page."""
     loops = []
     for name, verdict in study.loops.items():
         known = study.planted if name == DEMONSTRATION else None
@@ -272,7 +272,7 @@ def _loops(study: Study) -> Markup:
 
 
 def _correction(study: Study) -> Markup:
-    """What the correction of a model changes in the study's answers; the page of its own has the rest."""
+    """Changes in the study's answers by a corrected model; details are on the correction's own page."""
     one = study.reevaluation
     if one is None:
         return Markup("")
