@@ -131,7 +131,7 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
     if progress.log:
         told = _last_line(folder / progress.log)
         plain = re.sub(r"^\[ *[\d.]+ s\] ", "", told)
-        if plain != told:  # a sentence of the job's own, with its time
+        if plain != told:  # the job told its own sentence, with a time before it
             return plain
         return f"{progress.rule}: a defect of the program or of own code ({told}); its log is {progress.log}."
     if any(_NO_TARGET.match(line) for line in progress.last):

@@ -267,7 +267,7 @@ def conclude(
     late: Sequence[Attribution] = (),
     start: Model | None = None,
 ) -> Diagnosis:
-    """Find what the declared model lacks, fit it, and mark each name by what rests and test runs say of it.
+    """Find what the declared model lacks, fit it, and mark each name by the evidence of rests and test runs.
 
     Parameters
     ----------

@@ -23,16 +23,16 @@ from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.supervision import ProcessLost, run_supervised
 
-#: What the test quantities of a run are for, in the column `kind`.
+#: Purposes of a run's test quantities, in the column `kind`.
 NOMINAL, JUDGED, UNWORN, WORN, COMPARED = "nominal", "judged", "simulated", "simulated_worn", "compared"
 
-#: Most simulated runs that are also used to compare the scatter.
+#: Largest number of simulated runs that are also used to compare the scatter.
 _COMPARED = 100
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is asked.
+    """Settings of a detection.
 
     Attributes
     ----------

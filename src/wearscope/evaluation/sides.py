@@ -59,7 +59,7 @@ class Questions:
 
 @dataclass
 class Answers:
-    """What one side says.
+    """Answers of one side.
 
     Attributes
     ----------

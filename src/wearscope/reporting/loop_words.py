@@ -24,7 +24,7 @@ LARGE = 10.0
 #: Colour of an effect's status after the test runs.
 STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
-#: Most names in a headline.
+#: Largest number of names in a headline.
 _MOST_NAMES = 3
 #: Beginnings of the notes on a load that the refitted masses imitate, and on loads that differ by run.
 LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")

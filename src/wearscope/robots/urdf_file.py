@@ -16,7 +16,7 @@ from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 # A limit that a URDF leaves open (continuous joints, no effort or velocity given).
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
-#: What a joint has once.
+#: Elements that a joint has at most once.
 _ONCE = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
 
 
@@ -158,7 +158,7 @@ def _read_joint(element: ET.Element, source: str) -> Joint:
 
 
 def _read_dynamics(element: ET.Element, key: str) -> float:
-    """Number of a joint's ``dynamics``; NaN where it is none above 0, as nothing needs it."""
+    """Number of a joint's ``dynamics``; NaN where it is no number above 0."""
     try:
         number = float(element.find("dynamics").get(key, "nan"))  # type: ignore[union-attr]
     except (AttributeError, ValueError):

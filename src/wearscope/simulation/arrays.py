@@ -142,7 +142,7 @@ class Work(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What the steps leave.
+    """Results of the steps.
 
     Attributes
     ----------

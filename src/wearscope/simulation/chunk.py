@@ -56,7 +56,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class ChunkOutcome:
-    """What became of a chunk's points.
+    """Outcome of a chunk's points.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ Numbers = tuple[tuple[Number, float], ...]
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a design point sets in addition to its reference motion.
+    """Conditions of a design point in addition to its reference motion.
 
     Attributes
     ----------

@@ -202,7 +202,7 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
 ) -> tuple[pd.DataFrame, float, bool, set[str]]:
-    """Recording in the platform's columns, its rate, whether that is slower than its rows', what wrapped.
+    """Recording in the platform's columns, its rate, whether held values set that rate, joints that wrapped.
 
     Guesses are added to the notes.
     """

@@ -43,7 +43,7 @@ USUAL = "the usual torque (between the torque limit and what the arm needs)"
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user states of a robot; lists by joint, of one value for all.
+    """Figures that the user states of a robot, by joint; a single value is for all joints.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from wearscope.errors import InputError
 
 #: The disk is full, or its user's share of it is.
 FULL = (errno.ENOSPC, errno.EDQUOT)
-#: What a file being written, or one set aside as damaged, is called.
+#: Names of files being written, and of files set aside as damaged.
 OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
 
 

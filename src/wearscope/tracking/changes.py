@@ -107,7 +107,7 @@ def make_friction_change(joint: int) -> Change:
 
 
 def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
-    """What may change: at each joint that moves in the reference, and a body on every link.
+    """All possible changes: those of each joint that moves in the reference, and a body on every link.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def list_bodies(n: int) -> list[Change]:
 
 
 def _find_kind(effect: Effect) -> str:
-    """What a joint has one change of: friction of any form, torques of its position, else the same effect."""
+    """Kind of which a joint has one change: friction of any form, torque by position, else the effect."""
     signals = set(effect.depends_on)
     if effect.is_friction and "load_{joint}" not in signals:
         return FRICTION

@@ -209,7 +209,7 @@ def series_key(entry: dict[str, Any]) -> str:
 
 
 def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: float) -> list[dict[str, Any]]:
-    """Straight line through each joint's friction over the later sessions, as a share of it by session."""
+    """Straight line through each joint's friction over the later sessions; slope as a share by session."""
     found = []
     for j, joint in enumerate(joints):
         values, errors = collect_series(later, f"{FRICTION}@{j}")

@@ -9,7 +9,7 @@ import numpy as np
 from wearscope.tracking.changes import BODY, Change
 from wearscope.tracking.evidence import SURE, Evidence, Fit
 
-#: Most steps of the search, and changes that are compared in full at each.
+#: Largest number of steps of the search, and of changes that each step compares in full.
 _STEPS, _TRIED = 30, 8
 #: A joint is unexplained from this multiple of the healthy sessions' loss.
 _FAR = 4.0
@@ -24,7 +24,7 @@ _CANCEL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a session shows.
+    """Result of the search in a session.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ from wearscope.tracking.worn import Worn, identify_wear
 
 #: Standard errors of a 95 % interval.
 WIDTH = 2.0
-#: A temperature counts as one of the reference's up to so many kelvin beyond them.
+#: A temperature counts as within the reference's range up to this many kelvin beyond it.
 _BEYOND = 1.0
 #: It is reported where a change of friction by the first share could not be seen, though one by the second
 #: could if the temperature's part were known.
@@ -34,7 +34,7 @@ _HIDDEN, _SEEN = 0.3, 0.15
 
 @dataclass(frozen=True)
 class Assessment:
-    """What a session shows.
+    """Changes that a session shows, and those that it cannot tell.
 
     Attributes
     ----------
@@ -307,7 +307,7 @@ def weigh_change(assessment: Assessment, reference: Reference, change: Change) -
 _MOST, _STEPS = 1e3, 24
 #: Usual radius of a body about its own centre, as a share of the arm's reach.
 _OWN = 0.05
-#: Usual mass of a body, over the prior standard deviation of a link's mass.
+#: Usual mass of a body, as a multiple of the prior standard deviation of a link's mass.
 _HEAVY = 3.0
 #: Rise of the misfit at the ends of a 95 % interval of one parameter.
 _RISE = 3.84

@@ -73,7 +73,7 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What the reference's runs say of the structure's columns.
+    """Estimates of the structure's columns from the reference's runs, with their uncertainty.
 
     Attributes
     ----------

@@ -18,7 +18,8 @@ from wearscope.tracking.structure import Belief, Structure, count_features, temp
 #: Stage in the name of the model's file, ``model_tracked.yaml``.
 STAGE = "tracked"
 #: p-value at which healthy sessions show a dependence on temperature. Otherwise the dependence is known to be
-#: small where a change by so many kelvin has an interval of at most this half width, as a share of friction.
+#: small where the effect of a change by `_KELVIN` has a 95 % interval of at most this half width, as a share
+#: of friction.
 _SHOWN, _KELVIN, _NARROW = 0.01, 10.0, 0.05
 #: Smallest span of temperatures [K] from which a slope is taken.
 _LEAST_SPAN = 2.0

@@ -17,7 +17,7 @@ _RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Runs that contradict the other ones at a joint.
+    """Runs that contradict the other runs at a joint.
 
     Attributes
     ----------

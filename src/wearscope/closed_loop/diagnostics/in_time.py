@@ -1,4 +1,4 @@
-"""What a residual does in time: its level shifts at a moment, or it has a line that the runs have in common.
+"""Residuals over time: their level shifts at a moment, or runs share a line of the spectrum.
 
 Noise with a memory wanders: the best placed step, and the best sine, hold much of it. So both are compared
 with what wanders too, in the residual made white by an autoregression: there a step is a lone pulse (Tsay

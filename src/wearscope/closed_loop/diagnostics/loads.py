@@ -16,7 +16,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import PayloadEffect
 from wearscope.effects.vocabulary import session_effects
 
-#: Share of what is left, over all joints, that loads by run explain at least.
+#: Smallest share of the residual, over all joints, that loads by run must explain.
 _MOST = 0.5
 #: A payload may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
@@ -24,7 +24,7 @@ _ALIKE = 0.9
 _DIFFERS = "The load differs between runs"
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
-#: Columns of a load, what is left, and columns of a model, over rows.
+#: Columns of a load, residual, and columns of a model, over rows.
 _Half = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -156,7 +156,7 @@ def _gather(
     files: Sequence[str],
     after: Regression,
 ) -> list[list[_Half]]:
-    """By file and half of its time: columns of a load (R, P), what is left (R,), and columns of the model."""
+    """By file and half of its time: columns of a load (R, P), residual (R,), and columns of the model."""
     last = prepared.n - 1
     left = [p.run.measured - p.after for p in predicted]
     keep = [p.run.keep & prepared.moving for p in predicted]

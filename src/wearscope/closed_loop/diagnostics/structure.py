@@ -28,7 +28,7 @@ State = Literal["explained", "corrected", "unexplained", "not_judged"]
 
 @dataclass(frozen=True)
 class JointState:
-    """What is left at a joint.
+    """Structure in a joint's residual.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a correction is worth at each joint: what became of the error, and whether what is left is judged."""
+"""Worth of a correction at each joint: its change of the error, and whether the residual is judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

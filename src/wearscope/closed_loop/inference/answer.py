@@ -19,7 +19,7 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import make_candidate
 from wearscope.effects.base import MeasurementEffect
 
-#: Most rounds in which names and reversals are settled in turn.
+#: Largest number of rounds in which names and reversals are settled in turn.
 _TURNS = 3
 
 
@@ -273,7 +273,7 @@ def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, 
 
 
 def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[int, Left], dict[int, str]]:
-    """By joint, what would explain the rest and is not believed, and a sentence on names with low odds."""
+    """By joint, candidates that would explain the rest but are not believed; a sentence on low odds."""
     problem, policy = model.problem, moves.score.policy
     names = problem.prepared.dataset.joints
     left: dict[int, Left] = {}
@@ -315,7 +315,7 @@ def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[i
 
 
 def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
-    """Each candidate conditional on a model: what held-out runs say of it, and why it was taken or not."""
+    """Each candidate conditional on a model: gain on held-out runs, and why it was taken or not."""
     joints = model.problem.prepared.dataset.joints
     rows = []
     taken = {t.key for t in model.terms}

@@ -40,7 +40,8 @@ def is_law(effect: Effect) -> bool:
 
 #: A law that starts with more than this multiple of the present law's sum of squares is not fitted further.
 _HOPELESS = 4.0
-#: Most steps of the fit; share of the sum of squares below which a step is the last.
+#: Largest number of steps of the fit; the fit ends with a step that gains less than this share of the sum of
+#: squares.
 _STEPS, _NEAR = 12, 1e-3
 
 

@@ -27,7 +27,7 @@ from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen, name_signals
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Most and fewest rows of a joint that are tested.
+#: Largest and smallest number of rows of a joint that are tested.
 _MOST_ROWS, _LEAST_ROWS = 3000, 60
 #: Surrogates drawn at once; the first batch settles most tests.
 _AT_ONCE = 99
@@ -37,7 +37,7 @@ _MOVED = (0.15, 0.85)
 
 @dataclass(frozen=True)
 class Dependence:
-    """What of a residual depends on the motion.
+    """The part of a residual that depends on the motion.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class _Spline:
 def find_dependence(
     problem: Problem, fit: Fit, joints: Sequence[int], policy: Policy
 ) -> dict[int, Dependence]:
-    """What a model leaves at joints that depends on the motion beyond chance.
+    """Parts of the joints' residuals that depend on the motion beyond chance.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from wearscope.closed_loop.model.terms import make_candidate
 TOP = 8
 #: Offers of a joint that are tried in pairs.
 _PAIRED = 6
-#: Most moves; far more than any model of a robot has terms.
+#: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
 #: Relative change of a reversal's width from which columns are computed again.
 _SETTLED = 0.01

@@ -1,4 +1,4 @@
-"""What a model may be extended by: candidates that apply, with the coefficients that make sense."""
+"""Possible extensions of a model: candidates that apply, with the coefficients that make sense."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -98,7 +98,7 @@ def list_offers(
     joints: Iterable[int],
     asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Offer]:
-    """The best shape of each candidate and subset conditional on a model, what gains most first.
+    """The best shape of each candidate and subset conditional on a model; the largest gain comes first.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def refine_reversals(prepared: Prepared, model: Fit, forms: bool = True) -> Reve
 
 
 def is_wide(prepared: Prepared, joint: int) -> bool:
-    """Whether a joint's reversal is wider than one of a drive: it then represents a law of its speed."""
+    """Whether a joint's reversal is wider than any drive's: then it represents a law of the joint's speed."""
     return float(prepared.reversals.width[joint]) > WIDEST * find_top(prepared)[joint]
 
 

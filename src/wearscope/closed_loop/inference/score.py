@@ -23,13 +23,13 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.term import Term
 
-#: Below so many nats a model is improbable enough, and the comparison ends early.
+#: A model this many nats behind is improbable enough to end the comparison early.
 _HOPELESS = -8.0
 #: Fewest summed blocks from which the residual's autocorrelation is estimated.
 _FEWEST = 8
-#: A height of a penalised spline counts as so many coefficients.
+#: Number of coefficients that a height of a penalised spline counts as.
 _SPLINE = 0.5
-#: A searched shape counts as so many coefficients: half of its values are no better than others.
+#: Number of coefficients that a searched shape counts as: half of its values are no better than the others.
 _SHAPE = 0.5
 
 

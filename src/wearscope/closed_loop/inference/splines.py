@@ -19,7 +19,7 @@ from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, list_signals
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Most memory for columns that are kept [bytes].
+#: Largest memory for columns that are kept [bytes].
 _ROOM = 2**29
 #: Share of the asked gain that signals at the rows, without the filter, must show; most signals that are then
 #: evaluated exactly.
@@ -58,7 +58,7 @@ class Splines:
     def offer(
         self, model: Model, joint: int, score: Score, past: bool = False, every: bool = False
     ) -> Iterator[Term]:
-        """Splines that explain most of what a model leaves at a joint, at least a share of it.
+        """Splines that explain most of a joint's residual, at least a given share.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What the test runs say of each term after everything is chosen and fitted; they change nothing."""
+"""Verdict of the test runs on each term, after everything is chosen and fitted; they change nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

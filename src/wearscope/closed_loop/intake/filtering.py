@@ -18,7 +18,7 @@ from wearscope.effects.signals import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, _REST_SHARE = 5.0, 0.01
-#: ... or below this share of its largest speed in any train run.
+#: The same for its largest speed in any train run.
 _REST_OF_ALL = 0.002
 _ORDER = 4
 #: Half length of the common filter's impulse response, in periods of its cut-off.

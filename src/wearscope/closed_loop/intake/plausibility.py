@@ -20,8 +20,8 @@ from wearscope.closed_loop.intake.traits.score import Weighing
 from wearscope.closed_loop.intake.traits.search import HOPELESS, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
-#: Unexplained share of a torque's variance from which a run is doubted, and from which no name can be judged
-#: (half of the RMS).
+#: A run is doubted from this unexplained share of a torque's variance on; no name can be judged from the
+#: second share on (half of the RMS).
 _DOUBTFUL, _UNJUDGED = 0.1, 0.25
 #: Share of a torque's variance below which there is no friction in it.
 _NO_FRICTION = 1e-3
@@ -163,7 +163,7 @@ def starts_at_zero(q: np.ndarray) -> bool:
 
 
 def _unfold(rows: Rows, known: np.ndarray, j: int) -> float:
-    """Unexplained part of a torque with restored signs, over that of the torque as recorded."""
+    """Ratio of unexplained parts: of the torque with restored signs to the torque as recorded."""
     at = rows.counts[:, j]
     y, direction, body = rows.tau[at, j], rows.sign[at, j], known[at, j]
     columns, left = [np.ones(len(y)), body, rows.a[at, j], direction, rows.v[at, j]], []

@@ -114,7 +114,7 @@ def normalise_robot(source: str | Path, dataset: Dataset) -> tuple[str, list[str
 def make_rough(
     source: Source, rate: float, cutoff: float, factor: int, inertia: np.ndarray, motion: MovingJoints
 ) -> RoughRun:
-    """What the rough model needs of a run, at a `factor`-th of its rate."""
+    """Signals of a run that the rough model needs, at a `factor`-th of its rate."""
     made = differentiate_run(source.run, rate, cutoff, motion.top_speed)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     known = source.body.inverse_dynamics(q, v, a) + inertia * a

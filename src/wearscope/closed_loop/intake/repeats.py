@@ -25,7 +25,7 @@ _LEAST_ROWS, _MOST_MARKS, _NEIGHBOURS = 50, 2000, 8
 
 @dataclass(frozen=True)
 class Signature:
-    """What a run is known by.
+    """Signature by which a run is recognised.
 
     Attributes
     ----------

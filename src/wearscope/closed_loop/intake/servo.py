@@ -34,7 +34,7 @@ _FOLLOWS = 0.8
 
 @dataclass(frozen=True)
 class ServoTorque:
-    """What a servo's columns say.
+    """Readings of a servo's columns.
 
     Attributes
     ----------

@@ -87,7 +87,7 @@ class Stretch:
 
 
 def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
-    """`prepare` of what `thin_dataset` leaves, thinned again where the common filter keeps too many rows."""
+    """Prepare the thinned data set; thin again where the common filter keeps too many rows."""
     budget = budget or Budget()
     prepared = prepare(thin_dataset(dataset, budget))
     if prepared.n * sum(len(run.t) for run in prepared.runs_for("train")) <= budget.joint_rows:
@@ -276,7 +276,7 @@ class _Choice:
         return self.information[k] * self.scale[:, :, None] * self.scale[:, None, :]
 
     def gain(self, k: int) -> float:
-        """What a stretch adds for each of its seconds."""
+        """Gain of a stretch for each of its seconds."""
         return (self._measure(self.known + self._scaled(k)) - self.size) / float(self.seconds[k])
 
     def take(self, k: int) -> None:
@@ -288,7 +288,7 @@ class _Choice:
         self._of[int(self.record[k])] += float(self.seconds[k])
 
     def fill(self, share: float) -> None:
-        """Take the best of what is left, at most `share` seconds of a recording.
+        """Take the best remaining stretches, at most `share` seconds of a recording.
 
         What a stretch adds only falls as others are taken, so that an old figure is a bound (Minoux 1978).
         """

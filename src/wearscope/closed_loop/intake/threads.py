@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
 
-#: Most threads; number of samples of a joint in all runs from which several threads pay off.
+#: Largest number of threads; number of samples of a joint in all runs from which several threads pay off.
 _THREADS, _WORTH = 2, 500_000
 
 _Out = TypeVar("_Out")

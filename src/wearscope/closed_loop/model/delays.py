@@ -24,7 +24,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 #: Longest delay that is searched, in s and as a share of the shortest run; grid steps in a period of the
 #: cut-off.
 _LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
-#: Most rows of a joint that are used.
+#: Largest number of rows of a joint that are used.
 _MOST_ROWS = 20_000
 
 

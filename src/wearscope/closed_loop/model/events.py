@@ -32,7 +32,8 @@ _LASTS = 0.25  # share of its largest torque down to which an event lasts: the f
 _SLOW, _REACH = 0.05, 1.0
 #: Numbers of rows over which residuals are averaged, in addition to single rows.
 _WIDTHS = (2, 4)
-#: An event belongs to the machine where it occurs in more than half of the passes of a place, and in so many.
+#: An event belongs to the machine where it occurs in more than half of the passes of a place, and in at least
+#: this many.
 _COMES_BACK = 3
 #: Smallest event as a share of the joint's torque (RMS).
 _SMALL = 0.01

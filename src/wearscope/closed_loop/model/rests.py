@@ -75,7 +75,7 @@ def are_enough(rests: Sequence[Rest]) -> bool:
 
 @dataclass(frozen=True)
 class Left:
-    """What a model leaves of a joint's torque.
+    """Residuals of a model at a joint, at rest and in motion.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Left:
 
 
 def measure_left(model: Regression, joint: int, rests: Sequence[Rest], length: int) -> Left:
-    """What a model leaves of a joint's torque at rests of about `length` rows, and in motion."""
+    """Residuals of a model at a joint: at rests of about `length` rows, and in motion."""
     residuals = model.residuals(model.solve())
     still = np.array([np.mean(residuals[rest.run][rest.rows, joint]) for rest in rests])
     train = model.prepared.runs_for("train")

@@ -1,7 +1,7 @@
 """Traits of a recording: each is a way in which its columns may differ from what they are said to be.
 
-A trait is added here: what readings it makes of another reading, and what is said of a reading that has it.
-The score decides between readings; nothing else here does.
+To add a trait, state here which readings it makes of another reading, and the note on a reading that has it.
+The score alone decides between readings.
 """
 
 from collections.abc import Callable, Iterator

@@ -11,7 +11,7 @@ from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.traits.reading import Reading
 
-#: Most rows of all runs; fewest rows of a joint that counts.
+#: Largest number of rows of all runs; a joint with fewer rows than the second number does not count.
 MOST_ROWS, LEAST_ROWS = 3000, 30
 #: Margin at both ends of a recording [s] that is left out, since a torque may be late by as much.
 LONGEST = 0.3
