@@ -257,12 +257,13 @@ def find_options(factors: Sequence[Factor], name: str) -> dict[str, Factor]:
 def set_option(
     reference: str, options: Mapping[str, Any], option: str, factor: Factor, level: float
 ) -> float:
-    """Value of a detector's option at a natural level of its factor; whole where its default is.
+    """Value of a detector's option at a natural level of its factor; whole where the default is whole.
 
     Raises
     ------
     InputError
-        Where the detector has no such option, or a change in percent of none that is stated.
+        Where the detector has no such option, or none whose value is stated where the factor is a change in
+        percent.
     """
     factory = plugins.load(reference, "detectors", "DETECTOR")
     known = inspect.signature(factory).parameters

@@ -6,8 +6,8 @@ import numpy as np
 
 from wearscope.effects.base import SESSIONS, Effect, Parameter, Signals, compile_row
 
-#: Fewest periods over the visited range: a wave of so many has little in common with a spring's line (a
-#: correlation of 0.1, with as much time everywhere; of one period it is 0.8).
+#: Fewest periods over the visited range. With time spread evenly, a wave of this many periods has a
+#: correlation of 0.1 with the line of a spring; a wave of one period has 0.8.
 FEWEST_PERIODS = 1.5
 #: Periods over the visited range from which on a wave is told from other curves by its form.
 CLEAR_PERIODS = 3.0

@@ -168,7 +168,7 @@ def _compare(study: Study, one: Conclusion) -> dict[str, Any]:
 
 
 def _factors(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-1: other sentences, coefficients, responses."""
+    """Section on Q-1: sentences that its card leaves out, coefficients, responses."""
     responses = [chart_response(study, _first(study))] if study.responses is not None else []
     return render_template(
         "study/factors.html",
@@ -179,7 +179,7 @@ def _factors(study: Study, sentences: Sequence[str]) -> Markup:
 
 
 def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-2: other sentences, setting, charts, ranking, and the SNR by source where there are several."""
+    """Section on Q-2: sentences that its card leaves out, setting, charts, ranking, SNR by source."""
     setting, fault = study.config["snr"], study.factor("f")
     ends = (setting["f0"], setting["f0"] + setting["delta"])
     low, high = (float(fault.to_natural(one)) for one in ends)
@@ -226,7 +226,7 @@ def _sources(study: Study) -> Markup:
 
 
 def _scope(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-3: other sentences, scope, ROC, thresholds."""
+    """Section on Q-3: sentences that its card leaves out, scope, ROC, thresholds."""
     charts = [chart_scope(study, _first(study))]
     if study.detection is not None:
         charts.append(chart_roc(study, detection_cases(study)[1]))

@@ -102,7 +102,7 @@ def withdraw(path: str | Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files that a run must make: what was withdrawn and is an output of a rule.
+        Files that a run must make again: those withdrawn that are outputs of a rule.
     """
     path = Path(path)
     withdrawn = [find_output(path)]

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 #: A joint's friction as a whole, as a change and in the tables.
 FRICTION = "friction"
-#: Kinds of change of which a joint has one at most, next to friction: a torque by position, a body on its
-#: link.
+#: Kinds of which a joint has at most one change, as with friction: torque by position, body on its link.
 PLACE, BODY = "place", "body"
 #: Nats by which each effect in the vocabulary's order of changes is rarer than the one before; nats by which
 #: a part that must be mounted is rarer.

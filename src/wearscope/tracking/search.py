@@ -169,7 +169,7 @@ class _Search:
         return fit
 
     def list_alike(self, fit: Fit, change: Change) -> list[Change]:
-        """Changes that explain the same as one change of a set, the likeliest first."""
+        """Changes that explain as much as a change of a set and could replace it, the likeliest first."""
         rest = [other for other in fit.changes if other is not change]
         able = [c for c in self.evidence.changes if c not in fit.changes]
         found = []

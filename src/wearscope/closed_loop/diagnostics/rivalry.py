@@ -244,7 +244,7 @@ class Rivalry:
         return (contrast.evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error
 
     def _measure_inflation(self, joint: int) -> float:
-        """Variance of a sum of residuals over that of as many independent ones."""
+        """Variance of a sum of residuals, over the variance that it would have if they were independent."""
         total, zero = 0.0, 0.0
         for r, w in zip(self.model.residuals(self.theta), self.model.weights, strict=True):
             x = (r * w)[:, joint]

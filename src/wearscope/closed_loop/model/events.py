@@ -155,7 +155,8 @@ def _measure_sizes(
     """Residual of each run (M,) over its robust spread in rows of the same class, at its best width.
 
     A torque that lasts for several rows stands out more from their mean than from single rows. The spreads
-    are returned second: by class, then by width; those of healthy runs unless the own ones are far wider.
+    are returned second, by class, then by width: spreads of healthy runs, unless those of the runs themselves
+    are far wider.
     """
     spreads: list[float] = []
 

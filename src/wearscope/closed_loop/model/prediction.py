@@ -103,7 +103,7 @@ def find_operating_point(model: Regression) -> list[Signals]:
 
 
 def find_signals(model: Regression, theta: np.ndarray, run: PreparedRun) -> Signals:
-    """Signals of a run with the motors' and the gears' torque that a model gives along its motion."""
+    """Signals of a run, with a model's torque of motors and gears along the motion."""
     signals = replace(run.signals, transmitted=solve_gears(model, theta, run))
     motor = predict_motor(model, theta, run, signals)
     return replace(signals, torque=motor, lag=find_lags(model, theta))

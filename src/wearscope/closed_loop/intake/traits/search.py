@@ -133,7 +133,7 @@ def _list_readings(
 def _propose(
     few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str], odds: float
 ) -> list[Reading]:
-    """Readings with a trait, or with more of it, and the odds against that."""
+    """Readings with a trait, or with more of it, and the odds against each reading."""
     every = list(trait.propose(few, start))
     taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
     # Traits that are only noted have odds of their own.
