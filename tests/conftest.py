@@ -64,6 +64,7 @@ def pytest_collection_modifyitems(items):
 
 def pytest_addoption(parser):
     parser.addoption("--processor-seconds", metavar="FILE", help="where each test's processor seconds go")
+    parser.addoption("--write-said", action="store_true", help="write what pages say, for a reader to check")
 
 
 def spent():
