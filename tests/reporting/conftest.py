@@ -1,12 +1,6 @@
-"""A small finished study: planted test quantities, everything after them by the real evaluation.
+"""A small finished study: planted test quantities, everything after them by the real evaluation."""
 
-What pages say is kept next to the test that asks for it.
-"""
-
-import re
 from dataclasses import replace
-from difflib import unified_diff
-from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -36,45 +30,6 @@ from wearscope.robots.friction import friction_curves
 from wearscope.robots.model import load_model
 from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
 from wearscope.surrogates.validation import validate_surrogates
-
-_PARTS = re.compile(r"^== (.*)\n((?:(?!== ).*\n)*)", re.MULTILINE)
-
-
-def lines_of(html):
-    """What a page or a part of one shows, a line a block, without scripts, styles and pictures."""
-    html = re.sub(r"(?s)<(script|style|svg|head)\b.*?</\1>", "", str(html))
-    html = re.sub(r'<div class="(alarm|card \w+)"[^>]*>', r"\n[\1] ", html)
-    html = re.sub(
-        r"</?(?:p|div|section|h\d|li|tr|table|summary|figcaption|nav|ul|ol|details)\b[^>]*>", "\n", html
-    )
-    plain = unescape(re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
-    return [" ".join(line.split()) for line in plain.split("\n") if line.strip()]
-
-
-@pytest.fixture
-def says(request):
-    """Compare what texts and HTML show with a case of the module's ``.txt``; ``--write-said`` writes it.
-
-    The first case stands there as a whole; of another, where that is shorter, the lines that the first has
-    not, and how those begin that only the first has.
-    """
-    file = request.path.with_suffix(".txt")
-
-    def check(case, *told):
-        lines = [line for one in told for line in lines_of(one)]
-        parts = dict(_PARTS.findall(file.read_text(encoding="utf-8"))) if file.exists() else {}
-        if (first := next(iter(parts), case)) != case:
-            rows = list(unified_diff(parts[first].splitlines(), lines, n=0, lineterm=""))[2:]
-            rows = [row if row[0] == "+" else row[:24] for row in rows if row[0] != "@"]
-            lines = min(rows, lines, key=lambda one: sum(map(len, one)))
-        text = "".join(f"{line}\n" for line in lines)
-        if request.config.getoption("--write-said"):
-            parts[case] = text
-            file.write_text("".join(f"== {name}\n{parts[name]}" for name in parts), encoding="utf-8")
-        assert text == parts.get(case)
-
-    return check
-
 
 WEAR = {"kind": "wear", "range": [0, 50], "unit": "1", "validation": [5, 45]}
 CONFIG = {
