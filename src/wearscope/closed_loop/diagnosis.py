@@ -43,7 +43,7 @@ from wearscope.storage import tables
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.
 _FAR = 0.1
-#: Share of itself within which delays of several joints are one.
+#: Delays of several joints count as one delay where they differ by less than this share.
 _ALIKE = 0.2
 #: Times that the search goes on with another load.
 _LOADS = 3
@@ -210,7 +210,7 @@ def leave_out_events(found: Diagnosis) -> Revised | None:
 
 
 def take_load(found: Diagnosis) -> Revised | None:
-    """The problem with effects along the load of the corrected bodies, where that is another one."""
+    """The problem with effects along the corrected bodies' load, where this load differs from the first."""
     others = find_other_loads(found.after, [a.term for a in found.attributions if a.kept])
     if not others:
         return None

@@ -71,9 +71,9 @@ def candidate_effects(
     extra : sequence of Effect
         A user's own effects.
     given : collection of str
-        Names of the effects whose value is given and stands: what is given can be wrong, what is fitted
-        cannot. Those of `given_effects`, and the rigid body where its inertials are trusted, which every
-        model has, declared or not.
+        Names of effects whose value is given instead of fitted, so that it can be wrong: those of
+        `given_effects`, and the rigid body (which every model has, declared or not) where its inertials are
+        trusted.
     n : int
         Number of joints.
 

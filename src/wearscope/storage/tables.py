@@ -299,7 +299,8 @@ class Parts:
             yield read_table(path, self.columns)
 
     def by(self, column: str, kept: Callable[[Any], Any] = lambda rows: rows) -> Iterator[Any]:
-        """Rows of each value of a column in turn, where they follow each other, after `kept` of each part."""
+        """Rows of each value of a column in turn; equal values must follow each other. `kept` filters each
+        part."""
         import pandas as pd
 
         held: list[Any] = []

@@ -38,7 +38,8 @@ FALSE_ALARM_RATE = 0.01
 SURE = 3.0
 #: Degrees of freedom of the healthy parameters' error, and of the scatter of healthy sessions.
 _DOF, _SCATTER_DOF = 50.0, 6.0
-#: Usual RMS torque of a change as a share of the joint's friction, and of its torque for any other one.
+#: Usual RMS torque of a change: of friction, as a share of the joint's friction; of anything else, as a share
+#: of the joint's torque.
 _USUAL_FRICTION, _USUAL_TORQUE = 1.0, 0.5
 #: Errors of the reference below this share of the noise of all rows together are left out.
 _KNOWN = 0.05

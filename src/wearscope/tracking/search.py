@@ -18,7 +18,7 @@ _FAR = 4.0
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
 #: p-value above which a change may be zero; tolerance of a body's place [standard errors].
 _CHANCE, _SURE = 0.05, 2.0
-#: RMS torque of two changes together, as a share of the smaller one's, below which they cancel.
+#: Two changes cancel where the RMS torque of their sum is below this share of the smaller change's.
 _CANCEL = 0.5
 
 

@@ -15,7 +15,7 @@ from wearscope.closed_loop.inference.series import average, bend_line, cut_knock
 
 #: Fewest rows for a test; rows to which more are averaged, for a shift of level and for a spectral line.
 _FEWEST, _SHIFT_ROWS, _LINE_ROWS = 100, 200, 600
-#: Shortest level [rows]; number of places, or frequencies, next to the best one that are compared.
+#: Shortest level [rows]; number of places, or frequencies, that are compared with the best.
 _SHORTEST, _NEAR = 5, 4
 #: Numbers of bends of the piecewise linear functions that a shift is compared with.
 _BENDS = (1, 4)

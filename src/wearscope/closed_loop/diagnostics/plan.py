@@ -17,7 +17,7 @@ from wearscope.robots.dynamics import Payload, RigidBody
 
 #: Length of a generated motion [s], pause between its moves [s].
 SECONDS, DWELL = 30.0, 0.1
-#: Fewest and most runs of a plan: each run that is held out needs a similar one among the others.
+#: Smallest and largest number of runs of a plan: each held-out run needs a similar run among the others.
 LEAST_RUNS, MOST_RUNS = 2, 6
 #: A number of runs is promised if it tells the names apart with this probability.
 POWER = 0.9

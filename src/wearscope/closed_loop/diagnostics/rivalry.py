@@ -265,7 +265,7 @@ def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray
 
 def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
     """Shapes (S, k) and those about them that refining them reaches, within their bounds."""
-    if effect.periodic:  # a wavenumber is known far better than to a factor
+    if effect.periodic:  # a wavenumber is known to far less than these factors
         return shapes
     for factors, k in zip(_REFINED, effect.estimated_shapes(), strict=False):
         parameter = effect.shape[k]

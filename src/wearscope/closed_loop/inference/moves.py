@@ -333,7 +333,7 @@ def _demand(term: Term) -> float:
 
 
 def is_complete(model: Model) -> bool:
-    """Whether each term that refines another one has it in the model."""
+    """Whether for each term that refines another the model has that other term."""
     given, base = model.problem.given, model.problem.base
     for term in model.terms:
         others = [t.effect for t in (*base, *model.terms) if t.joint == term.joint and t is not term]

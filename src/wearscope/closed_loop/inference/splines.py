@@ -47,7 +47,7 @@ class Splines:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
-        # The generic term has no memory, so that all runs can be one.
+        # The generic term has no memory, so that all runs can be evaluated as one run.
         self.thinned = join_signals(
             replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in self.runs
         )

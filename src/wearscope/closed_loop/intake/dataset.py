@@ -227,7 +227,7 @@ def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFie
 def _check_repeats(
     path: Path, runs: list[RunRecord], signatures: list[Signature], accepted: Acceptance
 ) -> list[str]:
-    """Refuse a run that repeats another one: what is held out must have been recorded separately."""
+    """Refuse a run that repeats another run: test runs must have been recorded separately."""
     notes: list[str] = []
     settled = [False] * len(runs)
 

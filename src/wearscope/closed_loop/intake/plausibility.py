@@ -27,7 +27,7 @@ _DOUBTFUL, _UNJUDGED = 0.1, 0.25
 _NO_FRICTION = 1e-3
 #: A torque has lost its signs where restored signs reduce its unexplained part to this share.
 _FOLDED = 0.5
-#: A remedy for all runs, and whether another one follows.
+#: A remedy for all runs, and whether a further remedy follows it.
 _FOR_ALL = re.compile(r'; write "[^"]*"(?: below robot)? in dataset\.yaml(, or)?')
 #: Iterations of the search for a torque's signs; largest step of a position from row to row, over its reach.
 _TURNS, _STEP = 20, 0.1
@@ -49,7 +49,7 @@ def check_plausibility(prepared: Prepared) -> None:
     if rows.heard:
         _check_signs(prepared, rows)
         found = _check_readings(prepared, rows, left)
-    # A reading of the columns says more than a limit that they pass.
+    # Only now the limits of the signals: a refusal by a reading of the columns tells more.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
     if rows.heard:

@@ -88,7 +88,7 @@ class Run:
 
 
 def estimate_quantum(q: np.ndarray) -> np.ndarray:
-    """Smallest step (n,) of recorded positions (N, n); 0 where nearly every value is another one.
+    """Smallest step (n,) of recorded positions (N, n); 0 where nearly all values differ.
 
     Values on a grid come back again and again, or lie whole steps apart; the smallest difference of two of
     them is the grid's step. A position that hardly ever changes shows none.

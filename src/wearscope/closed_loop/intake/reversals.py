@@ -20,7 +20,7 @@ from wearscope.closed_loop.intake.saturation import spread_out
 
 #: Widths that are tried, over the joint's largest speed in the training runs.
 WIDTHS = (0.0, *np.geomspace(5e-4, 0.25, 19).tolist())
-#: Speeds over which friction that grows towards rest falls off, over the largest one.
+#: Speeds over which friction that grows towards rest falls off, as shares of the largest speed.
 _STRIBECK = (0.02, 0.1)
 #: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
 #: travels at its largest speed in a second.

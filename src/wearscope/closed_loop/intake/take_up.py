@@ -16,7 +16,7 @@ from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.effects.base import Signals
 from wearscope.effects.signals import differentiate
 
-#: Cut-offs tried, over the common one.
+#: Cut-offs that are tried, over the common cut-off.
 _TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)
 #: Error of a reversal's moment, times the common cut-off's angular frequency, that hardly changes the jump's
 #: torque below that cut-off: its correlation with the true one falls by half the square of this number.

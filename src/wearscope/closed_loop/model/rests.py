@@ -114,7 +114,7 @@ def median_length(rests: Sequence[Rest]) -> int:
 
 
 def is_refuted(one: Left, other: Left) -> bool:
-    """Whether rests refute a name while another one fits them.
+    """Whether rests refute a name while another name fits them.
 
     The other name fits the torque after motions in both directions, and the rests scatter no more than rows
     in motion; with static friction they would scatter more.

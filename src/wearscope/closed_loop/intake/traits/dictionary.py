@@ -24,7 +24,7 @@ _PAYLOAD, _AWAY = 1.0, 0.3
 _ROTOR = 10.0
 #: Share of a joint's weight that a balancer carries.
 _BALANCED = 0.3
-#: Speeds over which friction falls, over the largest one.
+#: Speeds over which friction falls, as shares of the largest speed.
 _FALLS = (0.05, 0.3)
 #: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
 #: sign.

@@ -63,11 +63,11 @@ class Reading:
         return replace(self, traits=tuple(names), nats=self.nats + nats, **changes)
 
     def put(self, field: str, joints: list[int], value: float) -> tuple[float, ...]:
-        """A field's values with another one at some joints."""
+        """A field's values, with a given value at some joints."""
         return tuple(value if k in joints else x for k, x in enumerate(getattr(self, field)))
 
     def times(self, field: str, joints: list[int], by: float) -> tuple[float, ...]:
-        """A field's values multiplied at some joints."""
+        """A field's values, multiplied by a factor at some joints."""
         return tuple(x * by if k in joints else x for k, x in enumerate(getattr(self, field)))
 
     def swap(self, field: str, i: int, j: int) -> tuple[int, ...]:

@@ -86,7 +86,8 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
             best = further
         elif best is not stated:
             break
-        # Of two traits neither need be the better one alone: where much is left, the likeliest are followed.
+        # Where two traits belong together, neither need improve the fit alone: where much is unexplained, the
+        # likeliest readings are followed.
         front = ranked[:_FRONT] if best is stated else [best.reading]
         if best is stated and stated.held.max() < _MUCH:
             break
