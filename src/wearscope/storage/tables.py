@@ -299,8 +299,7 @@ class Parts:
             yield read_table(path, self.columns)
 
     def by(self, column: str, kept: Callable[[Any], Any] = lambda rows: rows) -> Iterator[Any]:
-        """Rows of each value of a column in turn; equal values must follow each other. `kept` filters each
-        part."""
+        """Rows of each value of a column in turn; equal values must be adjacent. `kept` filters each part."""
         import pandas as pd
 
         held: list[Any] = []
