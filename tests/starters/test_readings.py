@@ -39,7 +39,7 @@ def test_torque_sensors_that_are_turned_are_all_named_and_turned_in_one_call(tmp
 @pytest.mark.parametrize(("n", "dead"), [(3, 2), slow(5, 4)])
 def test_a_torque_that_is_noise_hides_no_sign_of_the_others(tmp_path, n, dead):
     """As a joint sensor of a light wrist behind the gear."""
-    bench = Bench(tmp_path, n, 2.0, size=0.5)
+    bench = Bench(tmp_path, n, 2.0, size=0.5, runs=2)
     own = np.where(np.arange(n) == dead, 0.0, -1.0)
     bench.record(lambda q, v, a, rng, t: own * chain(q, v, a, 2.0, 0.3) + rng.normal(0, 0.05, q.shape))
     assert "opposite sign of what the motion needs" in bench.refuse()
