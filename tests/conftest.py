@@ -1,8 +1,11 @@
-"""Which tests are slow, by the processor seconds that each one took."""
+"""Which tests are slow, by the processor seconds that each one took; what pages and refusals say."""
 
 import gc
 import os
+import re
 from collections import defaultdict
+from difflib import unified_diff
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -64,6 +67,7 @@ def pytest_collection_modifyitems(items):
 
 def pytest_addoption(parser):
     parser.addoption("--processor-seconds", metavar="FILE", help="where each test's processor seconds go")
+    parser.addoption("--write-said", action="store_true", help="write what pages and refusals say")
 
 
 def spent():
@@ -99,3 +103,42 @@ def pytest_runtest_protocol(item):
             with open(path, "a") as file:
                 file.write(f"{took:.1f}\t{item.nodeid.removeprefix('tests/')}\n")
     return result
+
+
+_PARTS = re.compile(r"^== (.*)\n((?:(?!== ).*\n)*)", re.MULTILINE)
+
+
+def lines_of(html):
+    """What a page or a part of one shows, a line a block, without scripts, styles and pictures."""
+    html = re.sub(r"(?s)<(script|style|svg|head)\b.*?</\1>", "", str(html))
+    html = re.sub(r'<div class="(alarm|card \w+)"[^>]*>', r"\n[\1] ", html)
+    html = re.sub(
+        r"</?(?:p|div|section|h\d|li|tr|table|summary|figcaption|nav|ul|ol|details)\b[^>]*>", "\n", html
+    )
+    plain = unescape(re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
+    return [" ".join(line.split()) for line in plain.split("\n") if line.strip()]
+
+
+@pytest.fixture
+def says(request):
+    """Compare what texts and HTML show with a case of the module's ``.txt``; ``--write-said`` writes it.
+
+    The first case stands there as a whole; of another, where that is shorter, the lines that the first has
+    not, and how those begin that only the first has.
+    """
+    file = request.path.with_suffix(".txt")
+
+    def check(case, *told):
+        lines = [line for one in told for line in lines_of(one)]
+        parts = dict(_PARTS.findall(file.read_text(encoding="utf-8"))) if file.exists() else {}
+        if (first := next(iter(parts), case)) != case:
+            rows = list(unified_diff(parts[first].splitlines(), lines, n=0, lineterm=""))[2:]
+            rows = [row if row[0] == "+" else row[:24] for row in rows if row[0] != "@"]
+            lines = min(rows, lines, key=lambda one: sum(map(len, one)))
+        text = "".join(f"{line}\n" for line in lines)
+        if request.config.getoption("--write-said"):
+            parts[case] = text
+            file.write_text("".join(f"== {name}\n{parts[name]}" for name in parts), encoding="utf-8")
+        assert text == parts.get(case)
+
+    return check

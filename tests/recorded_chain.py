@@ -88,3 +88,13 @@ class Bench:
 
 def rub(v, coulomb, viscous):
     return coulomb * np.tanh(v / 0.01) + viscous * v
+
+
+def torque_of(mass, coulomb=0.0, viscous=0.0, noise=0.0, gravity=9.81, times=1.0):
+    """Torque of a chain with links of 0.3 m, friction and noise, as `Bench.record` takes it."""
+
+    def torque(q, v, a, rng, t):
+        tau = chain(q, v, a, mass, 0.3, gravity) + rub(v, coulomb, viscous)
+        return times * (tau + rng.normal(0, noise, q.shape))
+
+    return torque

@@ -1,4 +1,4 @@
-"""The one exception that a user of the platform is meant to read, lists of it, and packages that lack."""
+"""The one exception meant to be read by users, lists of problems, and the error of a missing package."""
 
 import sys
 from collections.abc import Callable

@@ -69,7 +69,7 @@ def _check_recordings(marker: Path) -> Iterator[DamagedFile]:
 
 
 def explain_repair(folder: Path, files: Sequence[str]) -> str:
-    """What makes files of a study again, as it can be typed where the study was run."""
+    """Command that makes files of a study again, to be typed where the study was run."""
     settings = folder / SETTINGS
     if not settings.is_file():
         return f"the command that made {', '.join(files)} makes them again."

@@ -8,13 +8,13 @@ JSON_BYTES, JSON_DEPTH = 30_000_000, 100
 TEXT_BYTES, LINKS = 20_000_000, 5000
 #: Largest recording as it lies on disk and in memory [bytes]; most columns of a table.
 TABLE_BYTES, UNPACKED_BYTES, COLUMNS = 500_000_000, 800_000_000, 2000
-#: Most memory that reading one recording may take, largest description in a Parquet file [bytes].
+#: Largest memory that reading one recording may take, largest description in a Parquet file [bytes].
 READING_BYTES, FOOTER_BYTES = 1_500_000_000, 10_000_000
-#: Most joints of a data set or robot, most runs and other entries of a list of a data set.
+#: Largest number of joints of a data set or robot; of runs of a data set; of entries of its other lists.
 JOINTS, RUNS, ENTRIES = 40, 2000, 2000
-#: Most entries of a list of a configuration, largest whole number in it, longest text.
+#: Largest number of entries of a list in a configuration; largest whole number; longest text.
 LIST, COUNT, TEXT = 10_000, 1_000_000_000, 4000
-#: No number of a machine is larger; products of a few such still have a value.
+#: Largest number of a machine; the product of a few numbers of this size is still finite.
 NUMBER = 1e30
 #: Heaviest payload or link [kg], longest distance in a payload [m].
 MASS, LENGTH = 1e6, 1e3
@@ -22,9 +22,9 @@ MASS, LENGTH = 1e6, 1e3
 SLOWEST = 1.0
 #: Largest gear ratio, inertia of a rotor at its joint [kg m^2], and torque of a joint [N m].
 GEAR_RATIO, INERTIA, TORQUE = 1e6, 1e6, 1e9
-#: The same by the name of the field.
+#: The three limits before, by the name of the field.
 DRIVE = {"gear_ratio": GEAR_RATIO, "rotor_inertia": INERTIA, "torque_limit": TORQUE}
-#: Most samples of a planned motion, times its joints: two hours of a joint at 1 kHz.
+#: Largest number of samples of a planned motion, times its joints: two hours of a joint at 1 kHz.
 SAMPLES = 20_000_000
 #: Longest name of a robot, data set, link or joint, and of a column of a recording that is converted.
 NAME, COLUMN = 100, 300

@@ -49,7 +49,7 @@ def list_installed(room: str) -> list[str]:
 
 
 def find_installed(name: str, room: str) -> EntryPoint | None:
-    """What an installed package offers for a room under a name; None where none does.
+    """Object that an installed package offers for a room under a name; None where no package does.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def installed_file(name: str, room: str) -> Path | None:
 
 
 def identify_installed(name: str, room: str) -> str | None:
-    """Package, version and digest of what an installed package offers for a room; None where none does.
+    """Package, version and digest of an installed plug-in of a room; None where no package offers it.
 
     The digest covers the Python, YAML and URDF files of the module's package, so that changed content is seen
     even if dates and version stay.

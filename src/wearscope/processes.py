@@ -37,7 +37,7 @@ def isolate(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def open_standard() -> None:
-    """Open the standard streams that were closed: a file that is written would be taken for one of them."""
+    """Open standard streams that were closed, so that no file is taken for one of them."""
     for handle in range(3):
         try:
             os.fstat(handle)

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from changed_fields import changed_fields
 from click.testing import CliRunner
 
 from wearscope import example_dataset, integrity, limits
@@ -62,9 +63,8 @@ def test_yaml_that_grows_is_refused(kind):
 def spoil(tmp_path, change):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     file = tmp_path / "arm" / "dataset.yaml"
-    fields = yaml.safe_load(file.read_text())
-    change(fields)
-    file.write_text(yaml.safe_dump(fields))
+    with changed_fields(file) as fields:
+        change(fields)
     return list_breaches(file)
 
 
@@ -231,9 +231,8 @@ def test_what_would_take_a_year_or_a_terabyte_is_told(change, told):
 def test_no_gravity_is_told(tmp_path):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     file = tmp_path / "arm" / "dataset.yaml"
-    fields = yaml.safe_load(file.read_text())
-    fields["robot"]["gravity"] = [0, 0, 0]
-    file.write_text(yaml.safe_dump(fields))
+    with changed_fields(file) as fields:
+        fields["robot"]["gravity"] = [0, 0, 0]
     assert any("robot.gravity is 0; where" in one for one in check_dataset(tmp_path / "arm").notes)
     shutil.copytree(ROOT / "config" / "robots" / "medium", tmp_path / "robot")
     file = tmp_path / "robot" / "model.yaml"
@@ -254,10 +253,8 @@ def test_no_gravity_is_told(tmp_path):
 )
 def test_what_no_joint_has_is_told(tmp_path, section, change, told):
     shutil.copytree(ROOT / "config" / "robots" / "medium", tmp_path / "robot")
-    file = tmp_path / "robot" / "model.yaml"
-    fields = yaml.safe_load(file.read_text())
-    fields[section].update({name: [value] * len(fields["joints"]) for name, value in change.items()})
-    file.write_text(yaml.safe_dump(fields))
+    with changed_fields(tmp_path / "robot" / "model.yaml") as fields:
+        fields[section].update({name: [value] * len(fields["joints"]) for name, value in change.items()})
     found = Findings("robot")
     check_model(str(tmp_path / "robot"), found)
     assert any(told in one for one in found.problems)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
+from changed_fields import changed_fields
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.own_code import check_file, make_batch
@@ -36,9 +37,8 @@ def arm(tmp_path):
     shutil.copytree(ARM, folder)
 
     def change(edit):
-        fields = yaml.safe_load((folder / "model.yaml").read_text())
-        edit(fields)
-        (folder / "model.yaml").write_text(yaml.safe_dump(fields))
+        with changed_fields(folder / "model.yaml") as fields:
+            edit(fields)
         return folder
 
     return change

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import click
 import pytest
 import yaml
+from changed_fields import changed_fields
 from click.testing import CliRunner
 from snakemake.common.configfile import load_configfile
 
@@ -88,11 +89,9 @@ def test_a_factor_of_a_payload_that_nobody_declared_is_dropped_before_anything_i
     carried, tmp_path, monkeypatch
 ):
     shutil.copytree(example_dataset(), tmp_path / "arm")
-    path = tmp_path / "arm" / "dataset.yaml"
-    fields = yaml.safe_load(path.read_text())
-    for run in fields["runs"]:
-        run["payload"] = {"mass": 1.0, "com": [0.0, 0.0, 0.0]} if carried else None
-    path.write_text(yaml.safe_dump(fields))
+    with changed_fields(tmp_path / "arm" / "dataset.yaml") as fields:
+        for run in fields["runs"]:
+            run["payload"] = {"mass": 1.0, "com": [0.0, 0.0, 0.0]} if carried else None
     monkeypatch.chdir(tmp_path)
     read = {}
 

@@ -1,6 +1,7 @@
 """What is known of an effect stands in its file: no other room compares an effect's name."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import wearscope
@@ -41,13 +42,14 @@ def listed_names(tree: ast.Module, names: set[str]) -> list[tuple[int, str]]:
     return found
 
 
-def read_sources(*apart: str) -> dict[Path, ast.Module]:
-    """Syntax of every module outside the effects and the rooms `apart`, by its path in the source."""
+@cache
+def read_sources() -> dict[Path, ast.Module]:
+    """Syntax of every module outside the effects, by its path in the source."""
     found = {path.relative_to(SOURCES): path for path in sorted(SOURCES.rglob("*.py"))}
     return {
         name: ast.parse(path.read_text(encoding="utf-8"))
         for name, path in found.items()
-        if name.parts[0] not in ("effects", APART) and not any(map(name.is_relative_to, apart))
+        if name.parts[0] not in ("effects", APART)
     }
 
 
@@ -62,7 +64,8 @@ def test_no_table_of_names_stands_outside_the_effects():
     names = {effect.name for effect in list_effects()} - ELSEWHERE
     found = [
         f"{path}:{line}: {name}"
-        for path, tree in read_sources(*TABLES).items()
+        for path, tree in read_sources().items()
+        if not any(map(path.is_relative_to, TABLES))
         for line, name in listed_names(tree, names)
     ]
     assert found == []

@@ -14,7 +14,6 @@ from wearscope.evaluation.conclusion import conclude_study, threshold_tables
 from wearscope.evaluation.overview import overview_table
 from wearscope.evaluation.scope import (
     add_counts,
-    add_group_scopes,
     count_scope,
     group_scope,
     scope_table,
@@ -97,7 +96,7 @@ def test_counts_add_over_parts(study):
         counts = add_counts(count_scope(part, by) for part in watched)
         pd.testing.assert_frame_equal(counts, count_scope(scope, by))
         assert watched.most <= 2
-    groups = add_group_scopes([group_scope(part) for part in Watched(scope)])
+    groups = add_counts([group_scope(part) for part in Watched(scope)])
     pd.testing.assert_frame_equal(groups, group_scope(scope))
 
 

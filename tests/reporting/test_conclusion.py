@@ -1,3 +1,5 @@
+"""The conclusion of a study in words; what is said of each case stands in the ``.txt`` next to this file."""
+
 import re
 import shlex
 from dataclasses import replace
@@ -21,12 +23,72 @@ from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
 from wearscope.reporting.trust import ask_moved
 
-
-@pytest.fixture
-def found():
-    """Bears 19.6 degrees of the 20 that the study varies, and 9.8 % of payload, where the grid ends."""
-    bounds = [Bound("w3", 10.0, False), Bound("w5", 5.0, True)]
-    return Conclusion("", "C", [], [], 20.0, bounds, 8, 8, True, 0.01, 0.99, [], 19, 20, 7)
+#: Bears 19.6 degrees of the 20 that the study varies, and 9.8 % of payload, where the grid ends.
+FOUND = Conclusion(
+    "", "C", [], [], 20.0, [Bound("w3", 10.0, False), Bound("w5", 5.0, True)], 8, 8, True, 0.01, 0.99, [], 19,
+    20, 7,
+)  # fmt: skip
+LARGE, MEDIUM = replace(FOUND, robot="large"), replace(FOUND, robot="medium")
+BLIND = replace(FOUND, wear=np.nan, bounds=[])
+NONE = replace(BLIND, detector="")
+MEDIANS = pd.DataFrame(
+    [("", "C", 2.0), ("", "A", 3.0), ("", "B", 1.0), ("large", "B", 9.0)], columns=["robot", "fda", "median"]
+)
+FRICTION = pd.DataFrame(
+    [
+        ("medium", joint, speed, 50.0, wear, torque * (1 + rise * wear / 50))
+        for joint, torque, rise in (("a", 10.0, 0.2), ("b", 40.0, 0.5))
+        for speed in (0.1, 0.5, 1.0)
+        for wear in (0.0, 25.0, 50.0)
+    ],
+    columns=["robot", "joint", "speed", "temperature", "wear", "torque"],
+)
+ASSUMED = {"sources": {"arm": ["URDF given; friction assumed"]}}
+DIRECT = pd.DataFrame(
+    {"robot": "medium", "cycle": "a", "axis": 1, "fda": ["C"], "snr_direct": [42.0], "direct_low": [40.0],
+     "direct_high": [45.0], "snr_surrogate": [32.0], "agrees": [False], "surrogate_low": [30.0],
+     "surrogate_high": [34.0], "runs": [60]}
+)  # fmt: skip
+#: Conclusions, the declared shift of the temperature, and other fields of the study.
+CASES = {
+    "a detector is found": ([FOUND], [40.0, 60.0], {}),
+    "another is not told apart": ([replace(FOUND, tied_with=["A"])], [40.0, 60.0], {}),
+    "not all cells are sure": ([replace(FOUND, cells_sure=5)], [40.0, 60.0], {}),
+    "estimates alone": ([replace(FOUND, shown_sure=False)], [40.0, 60.0], {}),
+    "a shift is wider": ([FOUND], [45.0, 70.0], {}),
+    "a shift is wider below": ([FOUND], [29.9, 50.0], {}),
+    "no shift is declared": ([FOUND], None, {}),
+    "a better detector is withheld": (
+        [replace(FOUND, withheld=["A", "B"])], [40.0, 60.0], {"rankings": MEDIANS},
+    ),
+    "a worse detector is withheld": ([replace(FOUND, withheld=["B"])], [40.0, 60.0], {"rankings": MEDIANS}),
+    "an upper bound is withheld": (
+        [replace(FOUND, withheld=["A"], upper=["A"])], [40.0, 60.0], {"rankings": MEDIANS},
+    ),
+    "robots differ": (
+        [FOUND, LARGE, replace(MEDIUM, detector="A", agree=13, wear=30.0)], [40.0, 60.0], {},
+    ),
+    "robots differ also in sure cells": (
+        [FOUND, LARGE, replace(MEDIUM, detector="A", agree=13, cells_sure=5)], [40.0, 60.0], {},
+    ),
+    "robots agree": ([FOUND, MEDIUM, LARGE], [40.0, 60.0], {}),
+    "a robot has no detector": (
+        [FOUND, MEDIUM, replace(LARGE, detector="", wear=np.nan)], [40.0, 60.0], {},
+    ),
+    "no wear is found": ([BLIND], [40.0, 60.0], {}),
+    "all are withheld": ([replace(NONE, withheld=["A", "C"])], [40.0, 60.0], {}),
+    "none sees wear": ([NONE], [40.0, 60.0], {}),
+    "none but upper bounds sees wear": ([replace(NONE, upper=["A", "C"])], [40.0, 60.0], {}),
+    "an upper bound": ([replace(FOUND, upper=["A"])], [40.0, 60.0], {}),
+    "wear as friction": ([FOUND], [40.0, 60.0], {"friction": FRICTION}),
+    "numbers are assumed": ([FOUND], [40.0, 60.0], ASSUMED),
+    "numbers of one robot are assumed": (
+        [FOUND], [40.0, 60.0], {"sources": {"arm": ["assumed"], "medium": ["paper"]}},
+    ),
+    "numbers are given": ([FOUND], [40.0, 60.0], {"sources": {"medium": ["paper"]}}),
+    "a direct value disagrees": ([FOUND], [40.0, 60.0], {"direct": DIRECT}),
+    "a direct value agrees": ([FOUND], [40.0, 60.0], {"direct": DIRECT.assign(agrees=True)}),
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -39,7 +101,7 @@ def told(study):
     ]
     columns = ["robot", "cycle", "axis", "fda", "threshold", "asked"]
     thresholds = pd.DataFrame(rows, columns=columns)
-    return declare(replace(study, thresholds=thresholds, units={"C": "N m"}), [40.0, 60.0])
+    return declare(replace(study, thresholds=thresholds, units={"C": "N m"}, audit=None), [40.0, 60.0])
 
 
 def declare(study, shift):
@@ -49,141 +111,29 @@ def declare(study, shift):
     return replace(study, config=study.config | {"factors": factors})
 
 
-def top(study, *conclusions):
-    return study_strip(replace(study, conclusions=conclusions))
+@pytest.mark.parametrize("case", CASES)
+def test_a_study_is_concluded_no_surer_than_its_parts(case, told, says):
+    conclusions, shift, fields = CASES[case]
+    study = declare(replace(told, conclusions=conclusions, **fields), shift)
+    strip = study_strip(study)
+    says(case, strip.kind, strip.answer, strip.sure, strip.caveat, strip.action, *qualify(study))
 
 
-def test_the_conclusion_is_plain_sentences_with_units(told, found):
-    strip = top(told, found)
-    assert strip.answer == (
-        "Use Friction fit (C). It finds wear of 20 or more, while one factor varies: temperature within "
-        "±20 °C or payload error within ±9.8 % or more."
-    )
-    assert strip.sure == (
-        "The same detector comes out in 19 of 20 resamplings, and has the largest signal-to-noise ratio in 7 "
-        "of 8 combinations of robot, test-cycle and axis. At most 1 % false alarms and at least 99 % "
-        "detection for every robot, test-cycle and axis, with 95 % confidence in the surrogates."
-    )
-    assert strip.kind == "good"
+def test_resamplings_settle_a_recommendation(told):
+    assert [certainty(told, replace(FOUND, agree=agree)) for agree in (18, 17)] == ["good", "unsure"]
 
 
-def test_it_is_only_as_certain_as_its_parts(told, found):
-    tied = top(told, replace(found, tied_with=["A"]))
-    assert "Friction fit (C), not told apart from Residual energy (A). It finds" in tied.answer
-    assert tied.kind == "unsure"
-    assert (
-        "not told apart at 95 %" in qualify(replace(told, conclusions=[replace(found, tied_with=["A"])]))[0]
-    )
-    some = top(told, replace(found, cells_sure=5))
-    assert "in 5 of 8 combinations of robot, test-cycle and axis, with" in some.sure and some.kind == "unsure"
-    guess = top(told, replace(found, shown_sure=False))
-    assert "(C). By the estimates alone, it finds" in guess.answer
-    assert guess.kind == "unsure" and "not counted" in guess.sure
-    for agree, kind in ((18, "good"), (17, "unsure")):
-        assert certainty(told, replace(found, agree=agree)) == kind
-
-
-def test_what_a_detector_stands_is_set_against_a_shift(told, found):
-    """Narrower than the declared range is amber and says so; the end of the grid is no limit."""
-    assert top(told, found).kind == "good"
-    for shift in ([45.0, 70.0], [29.9, 50.0]):
-        wide = top(declare(told, shift), found)
-        assert wide.kind == "unsure" and "declares your own" not in wide.caveat
-        assert wide.caveat.startswith(
-            f"In a shift, temperature moves from {shift[0]:.2g} to {shift[1]:.2g} °C."
-        )
-        assert "stands less than that." in wide.caveat and "wearscope track DATA" in wide.action
-    assumed = top(declare(told, None), found)
-    assert "shift of the factor declares your own" in assumed.caveat.striptags() and assumed.kind == "unsure"
-    assert "30 to 70 °C" in assumed.caveat
+def test_a_shift_moves_a_factor_to_its_further_end(told):
     assert reach_of_shifts(declare(told, [45.0, 62.0])) == {"w3": 12.0, "w5": 10.0}
 
 
-def test_a_better_detector_that_is_withheld_is_told_on_top(told, found):
-    """The second best is recommended then: the strip is unsure, and says whose SNR is larger."""
-    medians = [("", "C", 2.0), ("", "A", 3.0), ("", "B", 1.0), ("large", "B", 9.0)]
-    ranked = replace(told, rankings=pd.DataFrame(medians, columns=["robot", "fda", "median"]))
-    assert top(ranked, replace(found, withheld=["A"])).kind == "unsure"
-    assert top(ranked, replace(found, withheld=["A", "B"])).caveat == (
-        "Residual energy (A) has a larger signal-to-noise ratio and is withheld: direct simulation "
-        "contradicts its surrogate."
-    )
-    fine = top(ranked, replace(found, withheld=["B"]))
-    assert fine.kind == "good" and "withheld" not in fine.caveat
-    bound = top(ranked, replace(found, withheld=["A"], upper=["A"]))
-    assert bound.kind == "good" and "withheld" not in bound.caveat
+def test_thresholds_are_those_of_the_conclusion_s_robot(told):
+    assert list(thresholds_of(told, LARGE)["threshold"]) == [9]
 
 
-def test_what_holds_for_every_robot_is_said_once(told, found):
-    """Resamplings are told by robot, rates again only where they are not those of the first."""
-    large, medium = replace(found, robot="large"), replace(found, robot="medium", detector="A", agree=13)
-    sure = top(told, found, large, medium).sure
-    assert sure.count("The same detector comes out in") == 2 and "On medium: The same" in sure
-    assert sure.count("At most 1 % false alarms") == 1
-    other = top(told, found, large, replace(medium, cells_sure=5)).sure
-    assert other.endswith(
-        "in 5 of 8 combinations of robot, test-cycle and axis, with 95 % confidence in the surrogates."
-    )
-    assert "On medium: At most 1 % false alarms" in other
-
-
-def test_nothing_found_and_nothing_recommended_are_answers(told, found):
-    blind = replace(found, wear=np.nan, bounds=[])
-    assert "no change of wear that was simulated is surely found" in top(told, blind).answer
-    assert top(told, blind).kind == "bad"
-    none = replace(blind, detector="", withheld=["A", "C"])
-    assert top(told, none).answer == (
-        "No detector can be recommended: "
-        "the answers of Residual energy (A) and Friction fit (C) are withheld."
-    )
-    assert "none sees wear" in top(told, replace(none, withheld=[])).answer
-
-
-def test_there_is_one_recommendation_a_robot_and_no_other_on_top(told, found):
-    """Where robots differ the one of all together is not told; where they agree, it alone is."""
-    medium, large = replace(found, robot="medium"), replace(found, robot="large", detector="A", wear=30.0)
-    differing = top(told, found, medium, large)
-    assert differing.answer.startswith("On medium: Use Friction fit (C). It finds wear of 20")
-    assert "On large: Use Residual energy (A). It finds wear of 30" in differing.answer
-    assert differing.answer.count("Use ") == 2
-    alike = top(told, found, medium, replace(large, detector="C"))
-    assert alike.answer.count("Use ") == 1 and "On " not in alike.answer
-    assert list(thresholds_of(told, replace(found, robot="large"))["threshold"]) == [9]
-    lost = top(told, found, medium, replace(large, detector="", wear=np.nan))
-    assert lost.kind == "bad" and "On large: No detector can be recommended" in lost.answer
-
-
-def test_wear_is_told_as_friction(told, found):
-    speeds = np.array([0.1, 0.5, 1.0])
-    rows = [
-        ("medium", joint, speed, 50.0, wear, torque * (1 + rise * wear / 50))
-        for joint, torque, rise in (("a", 10.0, 0.2), ("b", 40.0, 0.5))
-        for speed in speeds
-        for wear in (0.0, 25.0, 50.0)
-    ]
-    columns = ["robot", "joint", "speed", "temperature", "wear", "torque"]
-    study = replace(told, friction=pd.DataFrame(rows, columns=columns))
-    assert friction_rise(study, 20.0) == pytest.approx((0.08, 0.2))
-    assert "It finds 8 to 20 % more friction (wear of 20) or more" in top(study, found).answer
+def test_wear_is_told_as_friction(told):
+    assert friction_rise(replace(told, friction=FRICTION), 20.0) == pytest.approx((0.08, 0.2))
     assert friction_rise(told, 20.0) is None
-
-
-def test_thresholds_of_a_robot_whose_numbers_are_assumed_are_not_offered(told, found):
-    guessed = top(replace(told, sources={"medium": ["friction assumed"]}), found)
-    assert "wearscope diagnose DATA" in guessed.action and "thresholds" not in guessed.action
-    given = top(replace(told, sources={"medium": ["paper"]}), found)
-    assert "alarm thresholds" in given.action.striptags()
-
-
-def test_an_upper_bound_is_told_and_not_recommended(told, found):
-    bound = replace(found, upper=["A"])
-    asked = replace(told, conclusions=[bound])
-    assert "Residual energy (A) is told the friction law" in " ".join(qualify(asked))
-    alone = replace(found, detector="", wear=np.nan, bounds=[], upper=["A", "C"])
-    assert top(told, alone).answer == (
-        "No detector can be recommended: apart from Residual energy (A) and Friction fit (C), which are "
-        "told the simulator's law, none sees wear."
-    )
 
 
 def test_the_page_begins_with_it(asked):
@@ -195,24 +145,8 @@ def test_the_page_begins_with_it(asked):
     assert 'id="thresholds"' in page and 'id="reach"' in top
 
 
-@pytest.mark.parametrize(
-    ("fields", "said"),
-    [
-        ({}, "Everything is simulated"),
-        ({"sources": {"arm": ["URDF given; friction assumed"]}}, "a robot with the numbers assumed for arm"),
-        ({"sources": {"arm": ["assumed"], "medium": ["paper"]}}, "arm has assumed numbers"),
-    ],
-)
-def test_the_strip_names_the_caveat_that_matters(told, found, fields, said):
-    study = replace(told, conclusions=[found], audit=None, audit_answers=None, **fields)
-    assert said in study_strip(study).caveat
-
-
-def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, found):
-    arm = {"arm": ["URDF given; friction assumed"]}
-    study = replace(told, conclusions=[found], audit=None, audit_answers=None, sources=arm)
-    assert study_strip(study).answer.endswith("Some numbers of the robot are assumed.")
-    assert "is not judged; the part on trust has the command." in study_strip(study).caveat
+def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told):
+    study = replace(told, conclusions=[FOUND], audit_answers=None, **ASSUMED)
     path = "effects.friction_wear_temperature.all.eta0 %"
     command = ask_moved(study)[0].striptags().partition("changes, run ")[2].partition("; ")[0]
     setting = yaml.safe_load(shlex.split(command)[-1].partition("=")[2])
@@ -226,19 +160,9 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told, 
         "instead of 9 (8 to 10), at a, axis 1."
     )
     assert not ask_moved(study)
-    given = replace(study, sources={"arm": ["paper"]})
-    assert study_strip(given).answer.endswith("The robot's numbers are given.") and not ask_moved(given)
+    assert not ask_moved(replace(study, sources={"arm": ["paper"]}))
 
 
-def test_a_direct_value_that_disagrees_is_the_answer(told, found):
-    direct = pd.DataFrame(
-        {"robot": "medium", "cycle": "a", "axis": 1, "fda": ["C"], "snr_direct": [42.0], "direct_low": [40.0],
-         "direct_high": [45.0], "snr_surrogate": [32.0], "agrees": [False], "surrogate_low": [30.0],
-         "surrogate_high": [34.0], "runs": [60]}
-    )  # fmt: skip
-    study = replace(told, conclusions=[found], direct=direct, audit=None)
-    assert "is 42 (40 to 45); the surrogate says 32. The direct value" in study_strip(study).caveat
-    page = render_study(study, compare_with_paper(study))
-    assert "the direct value answers" in page
-    agreed = replace(study, direct=direct.assign(agrees=True))
-    assert "direct value" not in study_strip(agreed).caveat
+def test_a_direct_value_that_disagrees_is_the_answer(told):
+    study = replace(told, conclusions=[FOUND], direct=DIRECT)
+    assert "the direct value answers" in render_study(study, compare_with_paper(study))

@@ -1,6 +1,5 @@
 """The strip on top of pages: read back as people see it, on every kind of page; history of a folder."""
 
-import copy
 import json
 import os
 import re
@@ -12,8 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from reporting.test_closed_loop_page import VERDICT, write
-from reporting.test_tracking_page import OUTCOME
-from reporting.test_tracking_page import write as write_tracking
 
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
@@ -21,8 +18,6 @@ from wearscope.reporting.conclusion import certainty, study_strip
 from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import KEPT, find_answers, keep_answer, render_history, trend_table
-from wearscope.reporting.labels import effect_name
-from wearscope.reporting.loop_outcome import loop_strip
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.reporting.study_page import render_study
@@ -112,125 +107,38 @@ def test_a_study_s_strip_is_its_conclusion(asked, robot, tmp_path):
     assert strip.kind == certainty(asked, one)
 
 
-@pytest.mark.parametrize("entries", [0, 1, 2])
-def test_a_loop_s_strip_is_its_verdict(entries, tmp_path):
-    verdict = copy.deepcopy(VERDICT) | {"verdict": VERDICT["verdict"][::-1][:entries]}
-    if not entries:
-        for one in verdict["joints"].values():
-            one["state"] = "explained"
-    write(tmp_path, verdict)
-    strip = shown(loop_strip(read_closed_loop(tmp_path)), tmp_path)
-    held = [one for one in verdict["verdict"] if one["status"] != "refuted"]
-    for one in held:
-        assert f"{effect_name(one['effect'])} or" in strip.answer and f"at {one['joint']}" in strip.answer
-    if not held:
-        assert strip.answer.startswith("The declared model suffices") and strip.kind == "good"
-        return
-    errors = min(verdict["joints"].values(), key=lambda one: one["rms_after"] / one["rms_before"])
-    gain = round(100 * (1 - errors["rms_after"] / errors["rms_before"]))
-    assert {gain, errors["rms_before"], errors["rms_after"]} <= set(numbers_of(strip.answer))
-    confirmed = sum(one["status"] == "confirmed" for one in verdict["verdict"])
-    assert numbers_of(strip.sure)[:2] == [confirmed, len(verdict["verdict"])]
-
-
-@pytest.mark.parametrize(
-    ("kept", "told"), [(True, "The test runs do not decide"), (False, "Check it on the machine")]
-)
-def test_what_to_do_next_is_what_the_corrected_model_has(kept, told, tmp_path):
-    named = VERDICT["verdict"][0] | {"status": "not_confirmed", "in_model": kept}
-    write(tmp_path, copy.deepcopy(VERDICT) | {"verdict": [named], "next_measurement": []})
-    assert shown(loop_strip(read_closed_loop(tmp_path)), tmp_path).action.startswith(told)
-
-
-def test_a_tracked_machine_s_strip_is_its_last_session(tmp_path):
-    write_tracking(tmp_path)
-    strip = read_strip(tmp_path / "report.html")
-    last = OUTCOME["sessions"][-1]
-    assert (
-        strip.answer == f"Session {last['session']}: Changed: Coulomb friction at a by +0.6 N m since d3."
-        and strip.kind == "bad"
-    )
-    assert numbers_of(strip.sure) == [100 * OUTCOME["false_alarm_rate"]]
-    assert "maintenance" in strip.action and strip.caveat.endswith(last["cannot_tell"][0])
-
-
-def test_events_of_a_tracked_session_are_left_out_and_no_change(tmp_path):
-    outcome = copy.deepcopy(OUTCOME)
-    event = {"joint": "a", "run": "r", "t": 1.0, "seconds": 0.2, "size": 9.0}
-    outcome["sessions"][-1] |= {
-        "events": [event | {"t": t} for t in (1.0, 2.0, 3.0)],
-        "cannot_tell": [],
-        "changes": [],
-    }
-    write_tracking(tmp_path, outcome)
-    strip = read_strip(tmp_path / "report.html")
-    said = "Nothing changed since the machine was healthy."
-    assert strip.answer.endswith(f"{said} Changes were seen in d3.") and strip.kind == "unsure"
-    assert "3 short events left out; they are no change." in strip.caveat
-    assert "a 9" in (tmp_path / "report.html").read_text()
-    outcome["sessions"][0] |= {"changes": []}
-    write_tracking(tmp_path, outcome)
-    strip = read_strip(tmp_path / "report.html")
-    assert strip.answer.endswith(said) and strip.kind == "good"
-    outcome["sessions"][-1] |= {"cannot_tell": ["The friction of a may have changed. Measure it."]}
-    write_tracking(tmp_path, outcome)
-    strip = read_strip(tmp_path / "report.html")
-    assert strip.answer.endswith("No change is sure, and some cannot be told.") and strip.kind == "unsure"
-    assert strip.caveat.endswith("The friction of a may have changed.")
-
-
-SCOPE = " Judged: 1 of 3 joints, 12 s recorded. 1 more recording refused."
-
-
-@pytest.mark.parametrize(
-    ("verdicts", "answer", "kind"),
-    [
-        (["alarm", "no alarm"], f"Alarm in 1 of 2 recordings: r0 at a, by C.{SCOPE}", "bad"),
-        (["no alarm", "no alarm"], f"No alarm in 2 recordings.{SCOPE}", "good"),
-        (["withheld", "no alarm"], f"No alarm in 1 recording; 1 could not be judged.{SCOPE}", "unsure"),
-        (["withheld", "failed"], "None of 2 recordings could be judged.", "unsure"),
-        (
-            ["unchecked", "no alarm"],
-            f"Above the threshold, but not confirmed, in 1 of 2 recordings: day at a, by C.{SCOPE}",
-            "unsure",
-        ),
-    ],
-)
-def test_a_detection_s_strip_counts_its_verdicts(verdicts, answer, kind, tmp_path):
-    strip = shown(detection_strip(detections(verdicts)), tmp_path)
-    assert (strip.answer, strip.kind) == (answer, kind)
-    judged = {"alarm", "no alarm"}.intersection(verdicts) and "unchecked" not in verdicts
-    assert numbers_of(strip.sure) == ([2.0] if judged else [])
-    assert strip.caveat.startswith("Withheld in 1 recording") == ("withheld" in verdicts)
-    assert strip.caveat.startswith("Too few nominal sessions") == ("unchecked" in verdicts)
-
-
-def test_a_recording_without_an_alarm_is_told_with_the_wear_that_would_have_raised_one(tmp_path):
-    quiet = ["no alarm"]
-    seen = shown(detection_strip(detections(quiet, wear_detected=[12.0, 30.0])), tmp_path).caveat
-    assert seen.startswith("Wear below 12 may raise none;")  # the other detector is less sensitive
-    unseen = shown(detection_strip(detections(quiet, wear_detected=[np.nan, np.nan])), tmp_path).caveat
-    assert unseen.startswith("Which wear would raise one at a is unknown;")
-
-
-def test_a_value_above_an_unconfirmed_threshold_is_no_quiet_recording():
-    both = detections(["no alarm", "unchecked"])
-    both = replace(both, detection=both.detection.assign(run="r0", session=""))
-    ((kind, told),) = conclude(both)
-    assert kind == "notice" and told.startswith("r0: not decided. Above the threshold, but too few")
-
-
-def detections(verdicts, wear_detected=(12.0,)):
-    """A recording for each verdict of one joint and detector."""
+def detections(verdicts, wear_detected=(12.0,), one=False):
+    """A recording for each verdict of one joint and detector, or one with all verdicts."""
     rows = [
-        {"run": f"r{k}", "kind": "judged", "joint": "a", "fda": "C", "verdict": one}
-        | {"session": "day" if one == "unchecked" else ""}
-        for k, one in enumerate(verdicts)
+        {"run": "r0" if one else f"r{k}", "kind": "judged", "joint": "a", "fda": "C", "verdict": verdict}
+        | {"session": "day" if verdict == "unchecked" and not one else "", "wear": 21.0, "warmer": 3.0}
+        for k, verdict in enumerate(verdicts)
     ]
     judged = {"joints": 1, "of": 3, "seconds": 12.3, "refused": ["r9: of another motion"]}
     summary = {"setting": {"p_f": 0.02}, "judged": judged, "refused": [{"run": "r9"}]}
     thresholds = pd.DataFrame({"motion": "m", "joint": "a", "wear_detected": list(wear_detected)})
     return Detections(summary, pd.DataFrame(rows), thresholds, pd.DataFrame())
+
+
+DETECTIONS = {
+    "alarm": (["alarm", "no alarm"], {}),
+    "no alarm": (["no alarm", "no alarm"], {}),
+    "one is withheld": (["withheld", "no alarm"], {}),
+    "none can be judged": (["withheld", "failed"], {}),
+    "a threshold is not confirmed": (["unchecked", "no alarm"], {}),
+    "detectors differ in the wear that they see": (["no alarm"], {"wear_detected": [12.0, 30.0]}),
+    "no wear would have been seen": (["no alarm"], {"wear_detected": [np.nan, np.nan]}),
+    "a recording has two verdicts": (["no alarm", "unchecked"], {"one": True}),
+}
+
+
+@pytest.mark.parametrize("case", DETECTIONS)
+def test_a_detection_is_concluded_by_its_verdicts(case, tmp_path, says):
+    verdicts, more = DETECTIONS[case]
+    found = detections(verdicts, **more)
+    strip = shown(detection_strip(found), tmp_path)
+    told = [f"{kind}: {sentence}" for kind, sentence in conclude(found)]
+    says(case, strip.kind, strip.answer, strip.sure, strip.caveat, strip.action, *told)
 
 
 def test_recordings_of_which_the_same_is_said_share_a_sentence_with_the_detector_s_name(tmp_path):

@@ -49,6 +49,12 @@ def convert(path, **mapped):
     return convert_recordings([path], URDF, Mapped(**{"joints": JOINTS, **mapped}))
 
 
+def log(folder, frame):
+    """A recording as CSV."""
+    frame.to_csv(folder / "log.csv", index=False)
+    return folder / "log.csv"
+
+
 def whole(converted):
     """Both parts of a lone recording, as one table."""
     return pd.concat([run.frame for run in converted.runs], ignore_index=True)
@@ -88,6 +94,7 @@ LAYOUTS = {
     "mujoco": ("time", "jointpos_axis_{}", "jointactuatorfrc_axis_{}", 1.0, 1),
     "german drives": ("Zeitstempel", "Achse{}.Lageistwert", "Achse{}.Momentenistwert", 1.0, 1),
     "lerobot": ("timestamp", "observation.state_{}", "observation.effort_{}", 1.0, 0),
+    "numbers from 0 next to joints from 1": ("t", "axis_{}_q", "axis_{}_tau", 1.0, 0),
     "units at the end": ("t_s", "pos_axis_{}_deg", "axis_{}_torque_Nm", 180.0 / np.pi, 1),
 }
 
@@ -97,8 +104,7 @@ def test_columns_of_any_naming(layout, truth, tmp_path):
     time, position, torque, factor, first = layout
     frame = table(truth, time, position, torque, q=factor, first=first)
     frame.insert(1, "target_q_note", 0.0)
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv"), truth)
+    assert_same(convert(log(tmp_path, frame)), truth)
 
 
 @pytest.mark.parametrize(
@@ -125,8 +131,7 @@ def test_clocks_of_any_unit_and_origin(factor, origin, unit, truth, tmp_path):
     frame = table(truth, "time", "q{}", "tau{}")
     stamps = np.round(frame["time"] * factor) if unit in ("us", "ns") else frame["time"] * factor
     frame["time"] = stamps.astype("int64") + int(origin) if unit == "ns" else stamps + origin
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    converted = convert(tmp_path / "log.csv")
+    converted = convert(log(tmp_path, frame))
     assert_same(converted, truth)
     assert any("epoch" in note for note in converted.notes) == (origin > 0.0)
 
@@ -134,8 +139,7 @@ def test_clocks_of_any_unit_and_origin(factor, origin, unit, truth, tmp_path):
 def test_dates(truth, tmp_path):
     frame = table(truth, "time", "q{}", "tau{}")
     frame["time"] = pd.Timestamp("2024-05-20T08:00:00Z") + pd.to_timedelta(frame["time"], unit="s")
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv"), truth)
+    assert_same(convert(log(tmp_path, frame)), truth)
 
 
 def test_motor_side_currents_and_signed_gears(truth, tmp_path):
@@ -176,8 +180,7 @@ def test_measured_values_before_commanded_ones(truth, tmp_path):
     for k in range(6):
         frame.insert(1, f"target_q_{k}", 0.0)
         frame.insert(1, f"target_moment_{k}", 7.0)
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv", torque_constant=[1.0]), truth)
+    assert_same(convert(log(tmp_path, frame), torque_constant=[1.0]), truth)
 
 
 @pytest.mark.parametrize("lists", [True, False], ids=["lists", "columns"])
@@ -196,8 +199,7 @@ def test_joint_states_go_by_the_names_next_to_them(truth, tmp_path, lists):
         frame = frame.assign(**{f"field.name{k}": name for k, name in enumerate(names)})
         for kind, x in values.items():
             frame = frame.assign(**{f"field.{kind}{k}": x[:, j] for k, j in enumerate(order)})
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv"), truth)
+    assert_same(convert(log(tmp_path, frame)), truth)
     if lists:
         frame = frame.assign(**{kind: x[:, order].tolist() for kind, x in values.items()}).drop(
             columns="name"
@@ -243,8 +245,7 @@ def test_positions_that_are_held_give_their_own_rows(truth, tmp_path, rows):
     t, q, qd, tau = truth
     q = np.column_stack([q[:, :5], np.full(len(q), 0.3)])
     held = (t, hold(q, rows), qd, tau)
-    table(held, "t", "q{}", "tau{}").to_csv(tmp_path / "log.csv", index=False)
-    made = convert(tmp_path / "log.csv")
+    made = convert(log(tmp_path, table(held, "t", "q{}", "tau{}")))
     frame = whole(made).iloc[3:100]
     at = np.round(frame["t"].to_numpy() * 250.0).astype(int)
     assert made.rate == pytest.approx(250.0 / rows)
@@ -274,18 +275,12 @@ def test_columns_that_are_written_by_turns_are_brought_together(truth, tmp_path)
     frame.loc[row % 2 == 1, [f"q{k}" for k in range(1, 7)]] = np.nan
     frame.loc[row % 10 != 1, [f"tau{k}" for k in range(1, 7)]] = np.nan
     frame["temp1"] = np.where(row % 100 == 1, 30.0, np.nan)
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    made = convert(tmp_path / "log.csv")
+    made = convert(log(tmp_path, frame))
     assert made.rate == 25.0
     for k, joint in enumerate(JOINTS):
         q, tau = (whole(made)[f"{kind}_{joint}"][5:100] for kind in ("q", "tau"))
         np.testing.assert_allclose(q, 0.1 * tau, atol=2e-3)
         assert np.ptp(tau) > 5.0, k
-
-
-def test_numbers_from_0_beside_joints_from_1(truth, tmp_path):
-    table(truth, "t", "axis_{}_q", "axis_{}_tau", first=0).to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv"), truth)
 
 
 def test_patterns_name_what_cannot_be_told(truth, tmp_path):
@@ -560,8 +555,10 @@ def test_a_count_of_rows_is_no_clock():
 
 @pytest.mark.parametrize(("option", "factor"), [((), 1.0), ((0.001,), 0.001)])
 def test_torques_in_another_unit_take_its_size(truth, tmp_path, option, factor):
-    table(truth, "t", "q{}", "tau{}", tau=1.0 / factor).to_csv(tmp_path / "log.csv", index=False)
-    assert_same(convert(tmp_path / "log.csv", torque_constant=option), truth)
+    assert_same(
+        convert(log(tmp_path, table(truth, "t", "q{}", "tau{}", tau=1.0 / factor)), torque_constant=option),
+        truth,
+    )
 
 
 def test_velocities_may_be_left_out(truth, tmp_path):
@@ -593,8 +590,7 @@ def test_a_file_whose_clock_restarts_holds_several_recordings(truth, tmp_path, s
     if stamp == "dates":
         stamps = pd.Timestamp("2026-03-01") + pd.to_timedelta(whole_file["time"], unit="s")
         whole_file["time"] = stamps.dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
-    whole_file.to_csv(tmp_path / "log.csv", index=False)
-    converted = convert(tmp_path / "log.csv")
+    converted = convert(log(tmp_path, whole_file))
     assert [run.name for run in converted.runs] == ["log-1", "log-2", "log-3"]
     assert [run.use for run in converted.runs] == ["train", "train", "test"]
     for run, part in zip(converted.runs, parts, strict=True):

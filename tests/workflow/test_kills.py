@@ -174,7 +174,10 @@ def diagnose(folder, *options):
 
 
 DIAGNOSIS = ("verdict.json", "report.html", "residual.parquet", "model_after.yaml")
-STUDY = ("conclusion.json", "report.html", "thresholds.parquet", "rankings.parquet", "findings.parquet")
+STUDY = (
+    "conclusion.json", "report.html", "thresholds.parquet", "rankings.parquet", "findings.parquet",
+    "figures/snr.svg", "figures/scope_w3.svg", "figures/scope_w3.png",
+)  # fmt: skip
 
 
 def read_answer(folder, place="closed_loop/example-arm", names=DIAGNOSIS):
@@ -202,7 +205,7 @@ def test_a_study_that_is_killed_leaves_its_old_answer(undisturbed, tmp_path):
     clones.run_well(folder)
     new = read_answer(folder, "tiny", STUDY)
     assert new == read_answer(folder, "tiny/parts/answer", STUDY)
-    assert all(new[name] != old[name] for name in ("conclusion.json", "report.html"))
+    assert all(new[name] != old[name] for name in ("conclusion.json", "report.html", "figures/scope_w3.svg"))
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from changed_fields import changed_fields
 
 from wearscope.errors import InputError
 from wearscope.jobs.named_files import NamedDataSet, NamedRobot
@@ -68,9 +69,8 @@ def test_what_snakemake_reads_as_a_pattern_is_refused(machine):
 
 def test_a_robot_has_its_urdf_and_its_effects(tmp_path):
     folder = shutil.copytree(MEDIUM, tmp_path / "arm")
-    model = yaml.safe_load((folder / "model.yaml").read_text())
-    model["effects"][0]["effect"] = "own.py"
-    (folder / "model.yaml").write_text(yaml.safe_dump(model))
+    with changed_fields(folder / "model.yaml") as model:
+        model["effects"][0]["effect"] = "own.py"
     with pytest.raises(InputError, match=r"^config: robots: .*'own\.py' is code that would run"):
         NamedRobot(str(folder), False)
     robot = NamedRobot(str(folder), ["own.py"])

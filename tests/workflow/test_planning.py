@@ -111,10 +111,12 @@ def test_inputs_of_a_section_are_those_of_its_surrogates():
     chosen = plan.asked_of("chosen", plan.whole)(None)
     assert set(chosen) == {"surrogates", "chosen", "test_quantities"}
     assert chosen["chosen"] == ["results/quick/chosen_surrogates.parquet"]
-    figures = plan.figure_files(plan.scope_figures, lambda file, **about: (file, about["caption"]))
+    figures = plan.figure_files(
+        plan.scope_figures, "made", lambda file, **about: (file, about.get("caption"))
+    )
     assert len(figures) == 2 * len(plan.scope_figures)
     svg = next(iter(figures.values()))
-    assert svg == (f"results/quick/figures/{plan.scope_figures[0]}.svg", "../report/scope.rst")
+    assert svg == (f"made/figures/{plan.scope_figures[0]}.svg", "../report/scope.rst")
     drawn = plan.drawn_files("loop", "before", "after")
     assert len(set(drawn)) == 2 * plan.study.reevaluate.draws and drawn[0].startswith("loop/drawn/before-01")
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import clones
 import pytest
 import yaml
+from changed_fields import changed_fields
 
 from wearscope.archive.comparison import Content, compare_contents
 
@@ -159,9 +160,8 @@ def test_hanging_detector_is_a_failed_point_of_the_study(study):
 def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
     shutil.copytree(study / "config/robots/medium", study / "theirs")
     (study / "theirs" / "bait.py").write_text("open('ran', 'w')\nraise SystemExit\n")
-    model = yaml.safe_load((study / "theirs" / "model.yaml").read_text())
-    model["effects"][0]["effect"] = "bait.py"
-    (study / "theirs" / "model.yaml").write_text(yaml.safe_dump(model))
+    with changed_fields(study / "theirs" / "model.yaml") as model:
+        model["effects"][0]["effect"] = "bait.py"
     config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
     (study / "bad.yaml").write_text(yaml.safe_dump({**config, "study": "bad", "robots": ["theirs"]}))
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from changed_fields import changed_fields
 from clones import ROOT, TINY, command, copy_tree, digests, run, run_well, stale
 
 from wearscope.storage import tables
@@ -153,9 +154,8 @@ def add_line(path: Path) -> None:
     ],
 )
 def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, change, expected):
-    config = yaml.safe_load((changed / TINY / "config.yaml").read_text())
-    config[setting] = change
-    (changed / TINY / "config.yaml").write_text(yaml.safe_dump(config))
+    with changed_fields(changed / TINY / "config.yaml") as config:
+        config[setting] = change
     rules = stale(changed)
     if expected is None:
         assert {"simulate_points", "compute_snr", "compute_scope"} <= rules
@@ -254,9 +254,8 @@ def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finis
 @pytest.mark.slow
 def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(finished, tmp_path):
     folder = shutil.copytree(finished, tmp_path / "fails", symlinks=True)
-    config = yaml.safe_load((folder / TINY / "config.yaml").read_text())
-    config["detectors"]["own"] = {"use": f"{TINY}/torque_change.py", "options": {"fail_above": 0.0}}
-    (folder / TINY / "config.yaml").write_text(yaml.safe_dump(config))
+    with changed_fields(folder / TINY / "config.yaml") as config:
+        config["detectors"]["own"] = {"use": f"{TINY}/torque_change.py", "options": {"fail_above": 0.0}}
     before = digests(folder)
     done = run(folder, "test_quantities")
     assert done.returncode == 1 and "Traceback" not in done.stderr

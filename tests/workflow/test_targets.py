@@ -45,7 +45,7 @@ def test_two_models_are_reevaluated(clone, bad):
     (clone / "two.yaml").write_text(yaml.safe_dump(bad))
     run_well(clone, "reevaluate", cores=2, study="two.yaml")
     results = clone / "results" / "two"
-    table = tables.read_table(results / "reevaluation.parquet")
+    table = tables.read_table(results / "reevaluation" / "reevaluation.parquet")
     assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
     wanted = "robot cycle axis fda question truth p_changed before before_low before_high after after_low"
     assert set(wanted.split()) <= set(table.columns)
@@ -61,11 +61,11 @@ def test_the_quick_study_reevaluates_its_demonstration_to_the_end(clone):
     text = run_well(clone, cores=2, study="quick.yaml")
     assert re.search(r"^(\d+) of \1 steps", text, re.MULTILINE)
     results = clone / "results" / "quick"
-    table = tables.read_table(results / "reevaluation.parquet")
+    table = tables.read_table(results / "reevaluation" / "reevaluation.parquet")
     assert set(table["question"]) == {"coefficient", "snr", "rank", "scope"}
     answered = table[~table["withheld"]]
     assert len(answered) and answered[["before", "after", "truth"]].notna().all(axis=None)
-    ranked = tables.read_table(results / "reevaluation_ranking.parquet")
+    ranked = tables.read_table(results / "reevaluation" / "reevaluation_ranking.parquet")
     pair = ranked.groupby(["robot", "cycle", "axis"])[["before", "after", "truth"]].sum()
     assert np.allclose(pair, 1.0)  # of two detectors one ranks above the other
     assert (results / "reevaluation" / "report.html").is_file()

@@ -8,6 +8,7 @@ import clones
 import pandas as pd
 import pytest
 import yaml
+from changed_fields import changed_fields
 from session_machine import write_machine
 
 from wearscope.robots.model import load_model
@@ -103,9 +104,8 @@ def test_what_cannot_be_tracked_is_told_in_one_sentence(tracked, tmp_path):
     clone, machine = tracked
     other = tmp_path / "machine"
     shutil.copytree(machine, other)
-    content = yaml.safe_load((other / "dataset.yaml").read_text())
-    del content["reference"]
-    (other / "dataset.yaml").write_text(yaml.safe_dump(content))
+    with changed_fields(other / "dataset.yaml") as content:
+        del content["reference"]
     for options, sentence in (
         (("--config", f"dataset={other}"), "reference is missing; list the sessions"),
         (("--config", "seed=1"), "config: dataset is missing; say which machine to track"),

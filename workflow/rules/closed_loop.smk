@@ -5,9 +5,9 @@ LOOP_FILES = [
     "model_before.yaml",
     "model_after.yaml",
 ]
-TWIN = f"{R}/closed_loop/twin"
+TWIN, TWIN_MADE = f"{R}/closed_loop/twin", f"{R}/parts/twin"
 TWIN_ROBOT = "medium"  # of the demonstration, as wearscope.demonstration.twin has it
-DEMONSTRATION = [f"{TWIN}/{name}" for name in LOOP_FILES]
+DEMONSTRATION = [f"{TWIN_MADE}/{name}" for name in LOOP_FILES]
 LOOP_OPTIONS = dict(
     installed=installed("effects"),
     draws=STUDY.reevaluate.draws,
@@ -17,23 +17,22 @@ LOOP_OPTIONS = dict(
 )
 
 if STUDY.dataset is None:
-    LOOP_PAGE, LOOP_FOLDER, SHOWN_LOOP = TWIN, TWIN, []
+    LOOP_PAGE, LOOP_FOLDER, SHOWN_LOOP = TWIN, TWIN_MADE, []
 else:
     LOOP_PAGE = f"results/closed_loop/{DATASET.name}"
     LOOP_FOLDER, SHOWN_LOOP = made_in(LOOP_PAGE), shown(LOOP_PAGE)
 LOOP = [f"{LOOP_FOLDER}/{name}" for name in LOOP_FILES]
+LOOP_ANSWERED = SHOWN_LOOP or [f"{LOOP_PAGE}/report.html"]
 
 
 rule closed_loop:
     input:
         LOOP,
-        f"{LOOP_FOLDER}/report.html",
-        SHOWN_LOOP,
+        LOOP_ANSWERED,
 
 
 rule demonstration:
     input:
-        DEMONSTRATION,
         f"{TWIN}/report.html",
 
 
@@ -69,7 +68,7 @@ rule close_demonstration:
         code=lambda w: code("close_loop", *effect_files()),
     output:
         DEMONSTRATION,
-        PLAN.drawn_files(TWIN, "before", "after"),
+        PLAN.drawn_files(TWIN_MADE, "before", "after"),
     log:
         f"{R}/logs/close_demonstration.log",
     priority: 1
@@ -90,15 +89,18 @@ rule report_demonstration:
         dataset=rules.record_demonstration.output.dataset,
         urdf=rules.record_demonstration.output.urdf,
         tables=DEMONSTRATION,
+        drawn=PLAN.drawn_files(TWIN_MADE, "before", "after"),
         code=lambda w: code("report_loop"),
         style=REPORT_FILES,
     output:
-        report(
+        show_later(
             f"{TWIN}/report.html",
             caption="../report/closed_loop.rst",
             category="The loop closed",
             labels={"figure": "demonstration"},
         ),
+        shown_together(TWIN, *LOOP_FILES),
+        map(show_later, PLAN.drawn_files(TWIN, "before", "after")),
     log:
         f"{R}/logs/report_demonstration.log",
     priority: -1

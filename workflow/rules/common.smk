@@ -108,13 +108,18 @@ def shown(folder):
     return [f"{made_in(folder)}/{LIST}"]
 
 
-# What a study answers is made here; the job that writes the page shows all of it together.
+# What a study, its demonstration and its correction answer is made in `parts`; the job that writes a page shows all
+# that belongs to it together.
 ANSWER = f"{R}/parts/answer"
 
 
-def shown_together(*names):
-    """Files of a study that stay as they are until its page is written."""
-    return [update(f"{R}/{name}") for name in names]
+def show_later(file, **about):
+    """A file that stays as it is until the page of its answer is written, with what `report` takes of it."""
+    return report(update(file), **about) if about else update(file)
+
+
+def shown_together(folder, *names):
+    return [show_later(f"{folder}/{name}") for name in names]
 
 
 FILES = StudyFiles(STUDY, R, HOME, here)

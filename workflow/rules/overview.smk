@@ -31,7 +31,7 @@ if PARTITIONS:
             code=lambda w: code("draw_scopes"),
             style=REPORT_FILES,
         output:
-            **PLAN.figure_files(PLAN.scope_figures, report),
+            **PLAN.figure_files(PLAN.scope_figures, ANSWER),
         log:
             f"{R}/logs/draw_scopes.log",
         conda:
@@ -59,19 +59,20 @@ if PARTITIONS:
             failures=f"{R}/failures.parquet",
             failed_simulations=f"{R}/failed_simulations.parquet",
             answers=f"{R}/audit_answers.parquet" if STUDY.audit.enabled else [],
-            figures=[f"{R}/figures/{name}.svg" for name in PLAN.figures],
+            figures=PLAN.figure_files(PLAN.scope_figures, ANSWER).values(),
             robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
             code=lambda w: code("write_overview", *detector_files()),
             style=REPORT_FILES,
         output:
+            **PLAN.figure_files(PLAN.scope_figures, R, show_later),
             overview=f"{R}/overview.parquet",
-            report=report(
-                update(f"{R}/report.html"),
+            report=show_later(
+                f"{R}/report.html",
                 caption="../report/report.rst",
                 category="Report",
                 labels={"figure": "the whole report"},
             ),
-            shown=shown_together("conclusion.json", "thresholds.parquet", "rankings.parquet"),
+            shown=shown_together(R, "conclusion.json", "thresholds.parquet", "rankings.parquet"),
         log:
             f"{R}/logs/write_overview.log",
         conda:

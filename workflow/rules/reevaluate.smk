@@ -1,4 +1,4 @@
-RE = f"{R}/reevaluation"
+RE, RE_MADE = f"{R}/reevaluation", f"{R}/parts/reevaluation"
 TWIN_EFFECTS = [
     f"{PACKAGE}/demonstration/simulated_twin/{name}.py" for name in ("gas_spring_torque", "thinning_oil")
 ]
@@ -32,14 +32,14 @@ RE_CODE = (
     if STUDY.allow_code is True
     else [*(STUDY.allow_code or []), *STUDY.closed_loop.effects, *TWIN_EFFECTS]
 )
-REEVALUATION = [f"{R}/reevaluation.parquet", f"{R}/reevaluation_ranking.parquet", f"{RE}/models.parquet"]
+COMPARED = ["reevaluation.parquet", "reevaluation_ranking.parquet", "models.parquet"]
+REEVALUATION = [f"{RE_MADE}/{name}" for name in COMPARED]
 
 
 rule reevaluate:
     input:
-        REEVALUATION,
         f"{RE}/report.html",
-        [] if GIVEN else SHOWN_LOOP,
+        [] if GIVEN else LOOP_ANSWERED,
 
 
 rule make_reevaluation:
@@ -169,9 +169,9 @@ rule compare_sides:
         chosen=f"{RE}/chosen_surrogates.parquet",
         code=lambda w: code("compare_sides"),
     output:
-        table=f"{R}/reevaluation.parquet",
-        ranking=f"{R}/reevaluation_ranking.parquet",
-        models=f"{RE}/models.parquet",
+        table=REEVALUATION[0],
+        ranking=REEVALUATION[1],
+        models=REEVALUATION[2],
     log:
         f"{R}/logs/compare_sides.log",
     priority: 1
@@ -199,12 +199,13 @@ rule report_reevaluation:
         code=lambda w: code("report_reevaluation"),
         style=REPORT_FILES,
     output:
-        report(
-            update(f"{RE}/report.html"),
+        show_later(
+            f"{RE}/report.html",
             caption="../report/reevaluation.rst",
             category="The loop closed",
             labels={"figure": "what the correction changes"},
         ),
+        shown_together(RE, *COMPARED),
     log:
         f"{R}/logs/report_reevaluation.log",
     priority: -1

@@ -12,7 +12,7 @@ rule report:
         if PARTITIONS
         else f"{R}/findings.parquet",
         [f"{TWIN}/report.html"] if TELLS_DEMONSTRATION else [],
-        [*REEVALUATION, f"{RE}/report.html"] if PLAN.reevaluates else [],
+        [f"{RE}/report.html"] if PLAN.reevaluates else [],
         SHOWN_LOOP,
 
 
@@ -58,7 +58,7 @@ rule draw_findings:
         code=lambda w: code("draw_findings"),
         style=REPORT_FILES,
     output:
-        **PLAN.figure_files(PLAN.finding_figures, report),
+        **PLAN.figure_files(PLAN.finding_figures, ANSWER),
     log:
         f"{R}/logs/draw_findings.log",
     conda:
@@ -127,6 +127,7 @@ rule write_report:
         detection=f"{R}/detection.parquet",
         friction=f"{R}/friction.parquet",
         findings=f"{ANSWER}/findings.parquet",
+        figures=PLAN.figure_files(PLAN.finding_figures, ANSWER).values(),
         loop=[
             *(DEMONSTRATION[:1] if TELLS_DEMONSTRATION else []),
             *(LOOP[:1] if STUDY.dataset is not None else []),
@@ -138,13 +139,16 @@ rule write_report:
         code=lambda w: code("write_report", *detector_files()),
         style=REPORT_FILES,
     output:
-        report=report(
-            update(f"{R}/report.html"),
+        **PLAN.figure_files(PLAN.finding_figures, R, show_later),
+        report=show_later(
+            f"{R}/report.html",
             caption="../report/report.rst",
             category="Report",
             labels={"figure": "the whole report"},
         ),
-        shown=shown_together("conclusion.json", "thresholds.parquet", "rankings.parquet", "findings.parquet"),
+        shown=shown_together(
+            R, "conclusion.json", "thresholds.parquet", "rankings.parquet", "findings.parquet"
+        ),
     log:
         f"{R}/logs/write_report.log",
     conda:

@@ -2,7 +2,7 @@
 
 from job import run_job
 from screening import read_screening
-from wearscope.evaluation.scope import add_group_scopes, group_scope
+from wearscope.evaluation.scope import add_counts, group_scope
 from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.storage import tables
 
@@ -12,7 +12,7 @@ with run_job(snakemake):
 
     def keep(part):
         part = drop_idle(part, screening, "factor")
-        groups[:] = [add_group_scopes([*groups, group_scope(part, snakemake.params.group_by)])]
+        groups[:] = [add_counts([*groups, group_scope(part, snakemake.params.group_by)])]
         return part
 
     parts = tables.Parts(snakemake.input.parts)

@@ -1,12 +1,17 @@
-"""The page of a reevaluation."""
+"""The page of a reevaluation, and its tables, in the place of those before."""
+
+from pathlib import Path
 
 from job import run_job
 from reevaluated import read_reevaluation
 from wearscope.reporting.reevaluation_page import render_reevaluation
 from wearscope.storage import tables
+from wearscope.storage.checksums import show_answer
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params
     chosen = tables.read_table(given.chosen)
     found = read_reevaluation(given.reevaluation, given.after, params.factors, params.detectors)
-    tables.write_text(snakemake.output[0], render_reevaluation(found, chosen))
+    made = Path(given.reevaluation[0]).parent
+    tables.write_text(made / "report.html", render_reevaluation(found, chosen))
+    show_answer(made, Path(snakemake.output[0]).parent)

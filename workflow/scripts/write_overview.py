@@ -42,7 +42,7 @@ with run_job(snakemake) as say:
         **dict.fromkeys(LEFT_OUT, pd.DataFrame()),
         audit=answers,
         audit_answers=answers,
-        figures={Path(file).stem: Path(file) for file in given.figures},
+        figures={Path(file).stem: Path(file) for file in given.figures if file.endswith(".svg")},
         conclusions=[
             read_conclusion(one) for one in json.loads(Path(given.conclusion).read_text(encoding="utf-8"))
         ],

@@ -27,7 +27,7 @@ def _tell_audit(row: Mapping[str, Any]) -> str:
     return f"{passes} by {'simulation and surrogate' if row['agrees'] else 'simulation alone'}"
 
 
-#: Table, what names a conclusion, columns that say it, and how they are put in words.
+#: Table of conclusions, columns that identify one, columns that state it, and its wording.
 _CONCLUSIONS: tuple[tuple[str, list[str], list[str], Callable[[Mapping[str, Any]], str]], ...] = (
     ("findings.parquet", ["question", "paper"], ["verdict"], lambda row: str(row["verdict"])),
     ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"], _tell_rank),
@@ -74,7 +74,7 @@ def compare_contents(
     rows = []
     for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
         one, other = left.describe(key), right.describe(key)
-        if one and other:  # what only one records tells no difference
+        if one and other:  # a setting that only one side records is no difference
             rows += _compare_mappings(one, other, what, "")
     rows += _compare_conclusions(left, right, name_detector)
     for name in sorted(set(left.digests) | set(right.digests)):

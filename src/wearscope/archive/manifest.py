@@ -15,7 +15,7 @@ MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
 CONFIG = "config.yaml"
 #: Format 1 is that of release 0.1.0: without the configuration and the manifest's own checksum.
 FORMAT = 2
-#: Made by packing; no file of a study has these names. Release 0.2.0 also made the last one.
+#: Files that packing makes; no file of a study has these names. Only release 0.2.0 made the last of them.
 MADE = (MANIFEST, CHECKSUM, CONFIG, "ro-crate-metadata.json")
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

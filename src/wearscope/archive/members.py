@@ -109,7 +109,7 @@ def extract_archive(path: str | Path, folder: Path) -> None:
         Where the disk refuses one.
     """
     with tarfile.open(path, "r:") as tar:
-        tar.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 brought it
+        tar.extraction_filter = getattr(tarfile, "data_filter", None)  # new in Python 3.11.4
         members = tar.getmembers()
         now = time.time()
         for member in members:

@@ -152,7 +152,7 @@ def unpack_archive(
     finally:
         shutil.rmtree(staging, ignore_errors=True)
         if new:
-            with suppress(OSError):  # it holds what was unpacked
+            with suppress(OSError):  # the folder holds what was unpacked
                 folder.parent.rmdir()
     return manifest
 
@@ -212,7 +212,7 @@ def _is_as(path: Path, digest: str) -> bool:
 
 
 def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
-    """Make unpacked results such as the workflow's own: with checksums, and a configuration without code.
+    """Give unpacked results checksums and a configuration without code, as if the workflow had made them.
 
     Returns
     -------
@@ -224,7 +224,7 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     kept, refused = (settings, []) if allow_code else refuse_code(settings)
     if kept != stated:
         write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
-    # Logs and timings are no job's output: they are written over without a word.
+    # Logs and timings are no job's output: later runs overwrite them.
     left = ("logs/", "benchmarks/")
     outputs = [name for name in manifest.files if not name.startswith(left)]
     record_checksums(place, [place / name for name in outputs], write=write_new)

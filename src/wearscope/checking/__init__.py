@@ -1,1 +1,1 @@
-"""Everything that is wrong with a robot, data set, study, or file of own code: in one list, in seconds."""
+"""Checks a robot, data set, study or file of own code: all that is wrong in one list, in seconds."""

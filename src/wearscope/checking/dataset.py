@@ -72,7 +72,7 @@ def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
     """Recordings in which no joint's position changes, a sentence each."""
     resting = []
     for run in fields.runs:
-        with suppress(InputError):  # which is told of the run itself
+        with suppress(InputError):  # a missing file is told elsewhere, with the run
             path = find_inside(folder, run.file, "runs[].file")
             if not np.ptp(take_joints(path, read_columns(path), "q", fields.robot.joints), axis=0).any():
                 resting.append(f"{path}: is constant, no joint moves in it; record it again or leave it out.")

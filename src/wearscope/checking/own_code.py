@@ -14,7 +14,7 @@ from wearscope.errors import Findings, InputError, describe
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_cycle
 
-#: What a file may define, and what that is.
+#: Names that a file may define, and their kinds.
 KINDS = {"DETECTOR": "detector", "CYCLE": "test-cycle", "EFFECT": "effect"}
 #: Robots that own code is tried on.
 ROBOTS = ("medium", "large")
@@ -80,7 +80,8 @@ def check_detector(path: str) -> Findings:
 def check_cycle_file(path: str, robots: Sequence[str] = ()) -> Findings:
     """Plan a test-cycle within the limits of given robots, or of the platform's own.
 
-    A test-cycle for one's own robot need not suit the platform's: beyond their limits is a note then.
+    A test-cycle for one's own robot need not suit the platform's robots: exceeding their limits then gives
+    only a note.
     """
     found = Findings(f"test-cycle {path}")
     cycle = found.attempt(lambda: load_cycle(path))

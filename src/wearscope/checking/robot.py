@@ -12,7 +12,7 @@ from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot
 from wearscope.simulation.screening import check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_points
 
-#: Factors that a robot is checked with where no study says others.
+#: Factors for the check of a robot without a study: kind and range.
 USUAL: dict[str, tuple[str, float, float]] = {
     "f": ("wear", 0.0, 50.0),
     "w3": ("temperature", 30.0, 70.0),
@@ -20,12 +20,12 @@ USUAL: dict[str, tuple[str, float, float]] = {
     "w5": ("payload_mass_error", -10.0, 10.0),
 }
 STEP = 0.001
-#: Test-cycle that is simulated.
+#: Test-cycle that the check simulates.
 TRIED = "point_to_point"
 
 
 def check_model(reference: str | Path, found: Findings, allow_code: Allowed = False) -> RobotModel | None:
-    """Model of a robot; None, and all that is wrong with it among the problems, where it cannot be used."""
+    """Model of a robot; None where the model cannot be used, with all reasons among the problems."""
     path = found.attempt(lambda: find_model(reference))
     fields = found.attempt(lambda: read_model_file(path)) if path is not None else None
     if path is None or fields is None:
@@ -109,7 +109,7 @@ def check_factors(
 
 
 def simulate_extremes(model: RobotModel, ranges: Ranges, found: Findings) -> None:
-    """Add what fails where a test-cycle is simulated new, and worn at each end of the other factors."""
+    """Add failures of simulations: of the new robot, and of the worn one at each end of the other factors."""
     of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
     wear = (of_kind.get("wear", (0.0, 0.0))[1],) * min(len(model.wear_joints), 3)
     cold, warm = of_kind.get("temperature", (50.0, 50.0))
@@ -136,7 +136,7 @@ def check_robot_folder(reference: str | Path, allow_code: Allowed = False) -> Fi
     if model is None:
         return found
     ranges = {name: one for name, one in USUAL.items() if one[0] != "payload_mass_error" or model.payload}
-    # No study asks yet: only wear must be felt.
+    # No study is asked yet, so wear alone must move the torque.
     may_drop = [name for name, one in ranges.items() if one[0] != "wear"]
     check_factors(model, ranges, found, may_drop=may_drop, dropped="a study of it cannot ask for it")
     for name in list_cycles():

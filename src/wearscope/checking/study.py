@@ -21,8 +21,8 @@ from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.model_file import Allowed
 from wearscope.simulation.feasibility import check_cycle
 
-#: Taken by a Monte Carlo run of a surrogate [s], by the recording of a simulated second and axis [bytes a
-#: sample], and by a value of a table [bytes]; a test-cycle lasts this long [s]. Orders of magnitude.
+#: Orders of magnitude: time of a Monte Carlo run of a surrogate [s]; bytes for each sample and axis of a
+#: recording; bytes for each value of a table; length of a test-cycle [s].
 RUN_SECONDS, SAMPLE_BYTES, VALUE_BYTES, CYCLE_SECONDS = 1e-7, 24, 8, 20.0
 #: Step for which `simulation.point_seconds` is stated [s].
 USUAL_STEP = 0.001

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 #: Conclusions that are told in sentences.
 _TOLD = 5
-#: What a conclusion is of, by the table that has it.
+#: Subject of a conclusion, by the table that holds it.
 _TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
 
 
@@ -52,7 +52,7 @@ def compare(a, b, everything):  # type: ignore[no-untyped-def]
 
 
 def _name(left: Path, right: Path) -> tuple[str, str]:
-    """What two results are called: by their folders, with as much of the path as tells them apart."""
+    """Names of two results: their folders, with as much of the path as tells them apart."""
     parts = left.absolute().parts, right.absolute().parts
     count = next((k for k in range(1, max(map(len, parts))) if parts[0][-k:] != parts[1][-k:]), 1)
     return "/".join(parts[0][-count:]), "/".join(parts[1][-count:])
@@ -100,7 +100,7 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> None:
 
 
 def _read_ranking(side: "Content") -> "pd.DataFrame":
-    """Detectors, by their full names where the settings tell, by median SNR; empty where it is not there."""
+    """Detectors in order of median SNR, by full name where the settings have it; empty without a ranking."""
     import pandas as pd
 
     from wearscope.reporting.labels import detector_name
@@ -146,7 +146,7 @@ def _compare_loops(left: Path, right: Path) -> None:
 
 
 def _name_item(item: str) -> str:
-    """What a conclusion is of, in words."""
+    """Subject of a conclusion, in words."""
     from wearscope.reporting.labels import upper_first, words
 
     table, _, rest = item.partition(": ")

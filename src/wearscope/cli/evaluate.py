@@ -53,7 +53,7 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
 
 
 def list_worst(errors: "ModelErrors") -> list[tuple[str, ...]]:
-    """Of each joint the recording whose torque is predicted worst, and how far it is off at the end."""
+    """For each joint, its worst recording: error of the torque, and of the position at the end."""
     from wearscope.reporting.page import format_number, interval_text
 
     rolled = errors.rollouts[errors.rollouts["seconds"] == errors.rollouts["seconds"].max()]

@@ -1,4 +1,4 @@
-"""The command's tree. What a command needs is imported when it runs, so that help comes at once."""
+"""The command's tree. A command's modules are imported when it runs, so that help comes at once."""
 
 import importlib
 import os
@@ -13,7 +13,8 @@ from wearscope.errors import InputError
 from wearscope.processes import end_process, ignore_settings_here, isolate, open_standard
 from wearscope.storage.files import FULL, explain_unwritten
 
-# Arrow's own pool reserves a gigabyte, which hides how much reading a file takes (`processes.bound_memory`).
+# Arrow's own memory pool reserves a gigabyte, which would hide how much memory reading a file takes from
+# `processes.bound_memory`.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 #: Where each command is: module of `wearscope.cli` and name in it.

@@ -190,7 +190,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
 
 
 def _name_given(problem, made, target, urdf, recordings, runs):  # type: ignore[no-untyped-def]
-    """A problem of the copy by the files that were given."""
+    """A problem of the copy, told by the names of the given files."""
     given = {file.name: file for file in recordings}
     for run in runs:
         if run.file in given:
@@ -205,7 +205,7 @@ def _split(text: str) -> list[str]:
 
 
 def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
-    """Readings by joint; that of all joints under an empty name."""
+    """Readings by joint; a reading for all joints has an empty name."""
     found = {}
     for entry in entries:
         joint, _, reading = entry.rpartition("=")

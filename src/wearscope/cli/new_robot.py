@@ -95,7 +95,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
 
 
 def name_after(urdf: Path) -> str:
-    """A name made of the URDF's, of its folder's where that says nothing."""
+    """A name made from the URDF's file name, or from its folder's where the file name says nothing."""
     stem = urdf.stem if urdf.stem != "robot" else urdf.resolve().parent.name
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "robot"
 

@@ -1,4 +1,4 @@
-"""What a run says: one line of what is done and what time is left, and how it ended.
+"""What a run prints: one line on work done and time left, and how the run ended.
 
 A run ends with the answer and its page, or with the rule that failed.
 """
@@ -24,7 +24,7 @@ def say(line: object, err: bool = False, bold: bool = False) -> None:
     click.echo(click.style(escape_text(str(line)), bold=bold or None, reset=bold), err=err)
 
 
-#: Where the output is no terminal, a line is written each so many seconds.
+#: Seconds between two lines where the output is no terminal.
 EVERY = 60.0
 
 
@@ -94,7 +94,7 @@ def shorten(path: Path) -> str:
 
 
 def show_result(path: Path, opened: bool = False, err: bool = False) -> None:
-    """Say what a page says on top, in five lines, and where it is."""
+    """Print the top of a page in five lines, and where the page is."""
     if path.is_file():
         from wearscope.reporting.page_strip import read_strip
 
@@ -135,7 +135,7 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
 
 
 def end_badly(logs: Sequence[str], targets: Sequence[str]) -> None:
-    """Say which rule failed, by Snakemake's logs of the run, and what that rule said last."""
+    """Say which rule failed, by Snakemake's logs of the run, and print the rule's last words."""
     progress = Progress()
     for log in logs:
         for line in Path(log).read_text(encoding="utf-8", errors="replace").splitlines():

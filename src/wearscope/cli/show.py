@@ -16,7 +16,7 @@ from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
 from wearscope.storage.checksums import check_shown
 
-#: Results that `show` lists first, and what each says.
+#: Results that `show` lists first, and the question that each answers.
 QUESTIONS = {
     "findings": "what the study found, compared with the paper",
     "ranking": "Q-2: which detector is best",
@@ -135,7 +135,7 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
 
 
 def _tell(path: Path) -> str:
-    """What a table says; those of a design are points to simulate."""
+    """Description of a table; tables of a design are points to simulate."""
     return "points that are simulated" if path.parent.name == "design" else QUESTIONS.get(path.stem, "")
 
 

@@ -182,7 +182,7 @@ def _read_named(dataset: str) -> tuple[Path, str]:
 
 
 def _check_asked(answer: Path, dataset: Path) -> None:
-    """Refuse an answer that is not about the data set that was named, as it is now.
+    """Refuse an answer about another data set, or about an earlier state of this one.
 
     Raises
     ------

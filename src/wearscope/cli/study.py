@@ -20,7 +20,7 @@ from wearscope.robots.model_file import read_text
 from wearscope.storage.files import digest_file, read_json, write_text
 from wearscope.storage.plain_yaml import load_plain_yaml
 
-#: What of `allow_code` allows nothing.
+#: Values of `allow_code` that allow nothing.
 _FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")
 
 
@@ -96,7 +96,7 @@ def remember_study(place: StudyPlace) -> None:
 
 
 def find_last_study(reference: str | None) -> StudyPlace:
-    """As `find_study`; without a reference the study that was run here last, where there was one."""
+    """As `find_study`; without a reference the study that was run here last, if any."""
     if reference is None and LAST.is_file():
         try:
             place = StudyPlace(**{name: Path(one) for name, one in read_json(LAST).items()}, named=False)
@@ -108,7 +108,7 @@ def find_last_study(reference: str | None) -> StudyPlace:
 
 
 def find_study_or_default(reference: str | None) -> StudyPlace:
-    """The study that is named, else the one that is here, else the one that comes along."""
+    """The named study; else the study in the working directory; else the one that ships with the package."""
     if reference is None and not Path("config/config.yaml").is_file():
         return StudyPlace(Path.cwd(), find_home() / "config" / "config.yaml")
     return find_study(reference)
@@ -199,7 +199,7 @@ def read_yaml(path: Path) -> dict:
 
 
 def read_name(path: Path, content: Mapping[str, Any] | None = None) -> str:
-    """Name of the study that a configuration describes, read from its file where its content is not given.
+    """Name of the study in a configuration; the file is read where no content is given.
 
     Raises
     ------

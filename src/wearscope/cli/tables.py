@@ -111,7 +111,7 @@ def frame_rows(
             frame = frame.sort_values(known(sort.lstrip("-")), ascending=rising, kind="stable")
     except InputError:
         raise
-    except (TypeError, ValueError):  # lists, mappings, two columns of one name
+    except (TypeError, ValueError):  # lists, mappings, or two columns with the same name
         raise InputError(f"{where}: the column has no order; leave out --where and --sort.") from None
     if columns:
         frame = frame[[known(name.strip()) for name in columns.split(",")]]

@@ -1,4 +1,4 @@
-"""Calls Snakemake: what is told while it works goes to a log file, what made it fail into one sentence."""
+"""Calls Snakemake: its output goes to a log file, the reason of a failure into one sentence."""
 
 import fcntl
 import json
@@ -30,12 +30,12 @@ _PLANNED = re.compile(r"^total\s+(\d+)$")
 _BEGUN = re.compile(r"^(?:local)?rule (\w+):$|^Job \d+: (.+)$")
 _FAILED = re.compile(r"^Error in rule (\w+):$")
 _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error details\)$")
-#: What a job says of its own progress: parts done, or the step that a diagnosis is at.
+#: A job's line on its own progress: parts done, or the present step of a diagnosis.
 _PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
 _SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
 _DIED = re.compile(r"^Command '.+' died with <Signals\.(\w+): \d+>\.$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
-#: Time in which Snakemake may end by itself what it started elsewhere [s].
+#: Time that Snakemake has, once interrupted, to end its jobs elsewhere by itself [s].
 _GRACE = 2.0
 #: Lines of Snakemake's that do not say what went wrong.
 _CHATTER = re.compile(
@@ -131,7 +131,7 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
     if progress.log:
         told = _last_line(folder / progress.log)
         plain = re.sub(r"^\[ *[\d.]+ s\] ", "", told)
-        if plain != told:  # a sentence of the job's own, with its time
+        if plain != told:  # the job told its own sentence, with a time before it
             return plain
         return f"{progress.rule}: a defect of the program or of own code ({told}); its log is {progress.log}."
     if any(_NO_TARGET.match(line) for line in progress.last):
@@ -193,7 +193,7 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
     Snakemake would read ``--config`` with several parsers, and run Python that a YAML file may hold.
     """
     path = folder / "results" / f".wearscope-{os.getpid()}.json"
-    for left in path.parent.glob(".wearscope-*.json"):  # by commands that were killed
+    for left in path.parent.glob(".wearscope-*.json"):  # left by commands that were killed
         if not identify_process(int("0" + "".join(filter(str.isdigit, left.stem)))):
             left.unlink(missing_ok=True)
     write_text(path, json.dumps(settings, default=take_label))
@@ -205,7 +205,7 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
 
 @contextmanager
 def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Wait until no other command computes in a folder: of two at once, one would miss files of the other."""
+    """Wait until no other command computes in a folder: two at once would miss each other's files."""
     path = folder / "results" / LOCK
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -312,7 +312,7 @@ def call_snakemake(
                     STARTER: identify_process(os.getpid()),
                 },
                 stdin=subprocess.DEVNULL,
-                process_group=0,  # an interrupt of the terminal's is passed on once, here
+                process_group=0,  # an interrupt from the terminal is passed on once, by this process
             ) as process,
         ):
             assert process.stdout is not None
@@ -327,14 +327,14 @@ def call_snakemake(
                 _end_group(process)
                 raise
     except OSError as error:
-        if error.errno in FULL and not error.filename:  # the log's, which an open file does not name
+        if error.errno in FULL and not error.filename:  # an open file does not name itself: the log
             raise explain_unwritten(log, error) from error
         raise
     return process.returncode, progress
 
 
 def _end_group(process: subprocess.Popen[str]) -> None:
-    """Interrupt Snakemake and its jobs, and kill what has not ended in a while: nothing is lost by that."""
+    """Interrupt Snakemake and its jobs, and kill what has not ended after a while; no result is lost."""
     try:
         os.killpg(process.pid, signal.SIGINT)
         process.wait(_GRACE)

@@ -85,7 +85,7 @@ def withdraw_worse(
         if spread and inertia not in helped:
             helped.append(inertia)
             continue
-        # What removes least of the test runs' error is withdrawn first.
+        # The effect that removes least of the test runs' error is withdrawn first.
         gone = min(worse or kept, key=lambda k: np.nan_to_num(marked[k].reduction))
         kept.remove(gone)
         larger = f"it makes the test runs' error of {base.prepared.dataset.joints[j]} {growth:.2g} % larger"

@@ -1,6 +1,5 @@
 """The one door: `diagnose(dataset)` reads, searches, fits and marks, and returns a `Diagnosis`."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -44,7 +43,7 @@ from wearscope.storage import tables
 RESIDUAL_UNITS = {"t": "s"}
 #: Delay, in periods of the cut-off, from which a torque is far from linear in it.
 _FAR = 0.1
-#: Share of itself within which delays of several joints are one.
+#: Delays of several joints count as one delay where they differ by less than this share.
 _ALIKE = 0.2
 #: Times that the search goes on with another load.
 _LOADS = 3
@@ -93,7 +92,7 @@ class Diagnosis(Outcome):
         tables.write_table(out / "residual.parquet", table, RESIDUAL_UNITS | units)
         tables.write_table(out / "candidates.parquet", self.candidates)
         verdict = self.verdict | (extra or {})
-        tables.write_text(out / "verdict.json", json.dumps(verdict, indent=2) + "\n")
+        tables.write_json(out / "verdict.json", verdict)
         return verdict
 
 
@@ -211,7 +210,7 @@ def leave_out_events(found: Diagnosis) -> Revised | None:
 
 
 def take_load(found: Diagnosis) -> Revised | None:
-    """The problem with effects along the load of the corrected bodies, where that is another one."""
+    """The problem with effects along the corrected bodies' load, where this load differs from the first."""
     others = find_other_loads(found.after, [a.term for a in found.attributions if a.kept])
     if not others:
         return None
@@ -268,7 +267,7 @@ def conclude(
     late: Sequence[Attribution] = (),
     start: Model | None = None,
 ) -> Diagnosis:
-    """Find what the declared model lacks, fit it, and mark each name by what rests and test runs say of it.
+    """Find what the declared model lacks, fit it, and mark each name by the evidence of rests and test runs.
 
     Parameters
     ----------

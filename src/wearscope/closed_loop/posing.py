@@ -30,6 +30,18 @@ def find_prismatic(urdf: Path, joints: list[str]) -> list[bool]:
     return [kinds[name] == "prismatic" for name in joints]
 
 
+def read_measured(dataset: str | Path) -> Dataset:
+    """Data set given by its folder or its ``dataset.yaml``.
+
+    Raises
+    ------
+    InputError
+        As of `wearscope.closed_loop.intake.dataset.read_dataset`.
+    """
+    path = Path(dataset)
+    return read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+
+
 def pose_problem(
     dataset: str | Path | Dataset,
     progress: Callable[[str], None] = lambda _: None,
@@ -39,8 +51,7 @@ def pose_problem(
 ) -> Problem:
     """What `diagnose` tests on a data set, whatever the score's numbers: the same arguments."""
     if not isinstance(dataset, Dataset):
-        path = Path(dataset)
-        dataset = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+        dataset = read_measured(dataset)
     declared, own = load_named_effects(dataset, effects, allow_code)
     prepared = prepare_thinned(dataset, budget)
     check_plausibility(prepared)

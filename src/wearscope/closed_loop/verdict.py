@@ -26,7 +26,7 @@ from wearscope.effects.viscous import EFFECT as VISCOUS
 from wearscope.storage.provenance import read_commit
 
 _SEED = 7
-#: Standard deviations a priori from which a link is far from its description.
+#: A link is far from its description from this many prior standard deviations on.
 _FAR = 3.0
 
 

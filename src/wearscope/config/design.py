@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from wearscope.config.sections import Model, Section, SurrogateKind
 
-#: What a factor can be in addition to a number by its path.
+#: Kinds of factor in addition to a number of the robot given by its path.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
 #: Units of their natural values; a number by its path is in the model's unit, whatever it is called.
 UNITS = {

@@ -68,7 +68,7 @@ def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
 
 
 def list_excesses(value: Any, path: str = "") -> Iterator[str]:
-    """What of a configuration is longer or larger than `wearscope.limits` says, a sentence each."""
+    """Parts of a configuration that are longer or larger than `wearscope.limits` allows, a sentence each."""
     inner: Iterable[tuple[Any, Any]] = ()
     if isinstance(value, Mapping):
         inner = value.items()

@@ -1,4 +1,4 @@
-"""What every section of the configuration is, the kinds of value that several have, and plain sections.
+"""Base of every section of the configuration, shared kinds of value, and the plain sections.
 
 The sections here are on the questions that the surrogates answer, on the checks of their answers, and on
 measured machines: the loop, what it changes, sessions, recordings, export.
@@ -17,7 +17,7 @@ AskedModel = Literal["main", "full", "simplified", "chosen"]
 SurrogateKind = Literal["quadratic", "polynomial_chaos", "gaussian_process", "bent_gaussian_process"]
 CellKey = Literal["robot", "cycle", "axis", "fda"]
 _FACTOR_NAME, _NAME = r"^[A-Za-z][A-Za-z0-9_]*$", r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
-#: What the patterns of names ask for, in words.
+#: Patterns of names in words.
 PATTERNS = {
     _FACTOR_NAME: "starts with a letter from A to Z and holds only letters, digits and '_'",
     _NAME: "starts with a letter from A to Z or a digit and holds only letters, digits, '_', '-' and '.'",

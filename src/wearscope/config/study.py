@@ -125,7 +125,7 @@ class StudyConfig(Section):
         return dict(zip(sorted(axes), wear, strict=False))
 
     def worn_axes(self) -> list[int]:
-        """Axes that wear, in the order of their factors; those under test where no factor is wear."""
+        """Axes that wear, in the order of their factors; the axes under test where no factor is wear."""
         return list(self.wear_factors()) or sorted(self.axes)
 
     def tested_factors(self) -> list[str]:
@@ -276,8 +276,8 @@ class StudyConfig(Section):
     def divide(self) -> list["StudyConfig"]:
         """Partitions, each a study of some of the robots; none where the study is not divided.
 
-        What a closed loop or a correction asks is asked of the whole study, not of a partition; direct Monte
-        Carlo, which is of one robot, of neither.
+        A closed loop or a correction belongs to the whole study, not to a partition; direct Monte Carlo,
+        which is about one robot, to neither.
         """
         size = self.partitions.robots
         if self.partitions.number is not None or len(self.robots) <= self.partitions.above:

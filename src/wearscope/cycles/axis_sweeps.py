@@ -6,9 +6,9 @@ from wearscope.cycles.base import Cycle, Reference
 from wearscope.cycles.motion import MotionPlan
 from wearscope.robots.model import RobotModel
 
-# Motor speed [rad/s] of each sweep, the time [s] at that speed from home to where the sweep ends, the side it
-# ends on. Between the bands 1 to 50 and 50 to 280 rad/s wear and temperature change how they resemble each
-# other, so that a test-cycle should visit both.
+# Motor speed [rad/s] of each sweep, time [s] at that speed from home to the end of the sweep, side of the
+# end. How wear resembles temperature differs between the bands 1 to 50 and 50 to 280 rad/s, so a test-cycle
+# should visit both.
 SWEEPS = ((15.0, 0.5, 1.0), (40.0, 0.4, -1.0), (110.0, 0.5, 1.0), (200.0, 0.4, -1.0), (200.0, 0.0, 1.0))
 # A sweep ends within this share of the excursion.
 LARGEST_SHARE = 0.9

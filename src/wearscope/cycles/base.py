@@ -1,4 +1,4 @@
-"""Test-cycles: what one is, how it is found, and whether a robot can follow it."""
+"""Test-cycles: their form, how they are found, and whether a robot can follow them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from wearscope.robots.spatial import Array
 
 # A limit may be exceeded by this share: planners reach limits to rounding.
 TOLERANCE = 1e-6
-# Joints above which motions, which take longer then too, are looked at in coarser steps.
+# Robots with more joints than this have longer motions, which are checked in coarser steps.
 MANY = 12
 
 
@@ -192,7 +192,8 @@ def _check_form(reference: Reference, model: RobotModel, where: str) -> None:
         ("a", reference.v, reference.a, jerk),
     ):
         error = np.abs(np.diff(values, axis=0) / steps[:, None] - 0.5 * (rate[1:] + rate[:-1]))
-        # Across one step the mean of the end rates is off by at most the next rate's bound times the step.
+        # Over one step, the mean of the rates at its ends misses the true change by at most the bound of the
+        # next rate times the step.
         row, joint = (int(k) for k in np.unravel_index(np.argmax(error / bound), error.shape))
         if error[row, joint] > bound[joint] * steps[row]:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Motions made from a few numbers, within a robot's limits, to show what another motion did not."""
+"""Motions made from a few numbers, within a robot's limits, to show effects that another motion did not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,9 +11,10 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
 KINDS = ("sweeps", "postures", "points", "fourier", "strokes")
-#: Share of the way to a limit that is used where the robot has one; else this far from home [rad or m].
+#: Targets lie at this share of the way to a joint's limit; where there is no limit, this far from home [rad
+#: or m].
 SHARE, OPEN = 0.95, 1.5
-#: Speeds of the sweeps, of the largest one.
+#: Speeds of the sweeps, as shares of the largest speed.
 SPEEDS = (0.02, 0.05, 0.12, 0.3, 0.7, 1.0)
 #: Harmonics of the Fourier series; seconds to start and to stop it.
 HARMONICS, RISE = 6, 1.5
@@ -52,7 +53,7 @@ class PlannedMotion:
 
     @property
     def name(self) -> str:
-        """Name that tells the numbers."""
+        """Name made of the motion's kind and numbers."""
         who = "all" if self.joint is None else f"j{self.joint + 1}"
         return f"{self.kind}_{who}_{self.seed}_{round(100 * self.pace)}_{round(100 * self.size)}"
 
@@ -87,7 +88,7 @@ class PlannedMotion:
         return model.replace(drive=drive, home=given["home"], lower=given["lower"], upper=given["upper"])
 
     def plan_within(self, model: RobotModel) -> "PlannedMotion":
-        """The same motion, which holds a robot's limits and gives it whatever robot it is built for."""
+        """The same motion with this robot's limits, which hold whatever robot it is built for later."""
         low, high = model.position_limits
         speed, acceleration, jerk = model.motion_limits()
         values = {"home": model.home_posture, "lower": low, "upper": high}
@@ -116,7 +117,7 @@ class PlannedMotion:
         budget = self.seconds / len(SPEEDS)
         for share in SPEEDS:
             top = share * self.pace * plan.speed
-            # A slow sweep covers what its time allows, about the middle.
+            # A slow sweep covers as much of the range, about its middle, as the time allows.
             reach = np.minimum(0.5 * (high - low), 0.5 * top * max(0.5 * budget - 0.5, 0.3))
             middle = 0.5 * (low + high)
             plan.move_to(self._targets(plan, middle - reach), 0.5)

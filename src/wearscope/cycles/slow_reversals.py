@@ -8,7 +8,7 @@ from wearscope.robots.model import RobotModel
 
 POSTURES = ((0.5, -0.4, 0.5, 0.4, 0.4, 0.5, 0.4), (-0.5, 0.4, -0.5, -0.4, -0.4, -0.5, -0.4))
 DIRECTIONS = (1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0)
-# Motor speed [rad/s] and the time [s] it is kept up for.
+# Motor speed [rad/s] of each stroke and how long it is held [s].
 STROKES = ((4.0, 0.4), (12.0, 0.4), (36.0, 0.4))
 
 

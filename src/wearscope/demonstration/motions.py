@@ -1,6 +1,6 @@
 """The demonstration's robot and exact motions of it, four times differentiable.
 
-Written apart from `wearscope.robots`: position, speed and acceleration are closed forms of time.
+Shares no code with `wearscope.robots`: position, speed and acceleration are closed forms of time.
 """
 
 from dataclasses import dataclass, field

@@ -70,7 +70,7 @@ def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int
 
 
 def linear_names(terms: Sequence[str]) -> tuple[str, ...]:
-    """Factor names of a model, in order: its terms that are one factor alone."""
+    """Factor names of a model, in the order of its linear terms."""
     return tuple(term for term in terms if term != "1" and ":" not in term and "^" not in term)
 
 

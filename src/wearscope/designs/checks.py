@@ -23,8 +23,8 @@ def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = P
     """Permute the wear columns of a design to one axis's point of view.
 
     In a simulated point each wear factor (``f``, ``w1``, ``w2``) is the wear of an axis. The detector of an
-    axis sees its own axis's wear as ``f`` and the others' as ``w1``, ``w2``, in axis order. All other columns
-    stay.
+    axis sees the wear of its own axis as ``f`` and the wear of the other axes as ``w1``, ``w2``, in axis
+    order. All other columns stay.
 
     Parameters
     ----------

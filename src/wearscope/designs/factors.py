@@ -92,7 +92,7 @@ class Factor:
 
     @property
     def is_costly(self) -> bool:
-        """Whether each level needs a new motion, or a new fit of the detector."""
+        """Whether each level of the factor needs a new motion or a new fit of the detectors."""
         planned = (
             "drive.speed_limit",
             "drive.acceleration_limit",

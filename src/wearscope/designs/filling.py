@@ -1,4 +1,4 @@
-"""Runs in addition to the paper's design: space-filling ones, ones near the questions, and checks."""
+"""Runs in addition to the paper's design: space-filling runs, runs near the questions, checking runs."""
 
 from collections.abc import Sequence
 
@@ -62,7 +62,7 @@ def filling_design(
         raise InputError(f"filling: {replicates} replicates of {points} points; give at most as many.")
     cube = _hypercube(factors, points, "filling", seed)
     nominal = np.array([factor.nominal_coded for factor in factors])
-    near = cube[1::2]  # a view: every second point is drawn towards nominal
+    near = cube[1::2]  # a view of `z`, so that every second point is drawn towards nominal
     end = np.where(near < nominal, CODED_LOW, CODED_HIGH)
     reach = np.abs(end - nominal)
     share = np.divide(np.abs(near - nominal), reach, out=np.zeros_like(near), where=reach > 0)
@@ -149,7 +149,7 @@ def question_lines(
         worn = names.index(worn_factor(factors, axis))
         for k in range(points):
             if axis == axes[0] and k == 0:
-                continue  # z0 is it
+                continue  # z0 is that point
             row = z0.copy()
             varied = names.index(questions[k % len(questions)])
             row[varied] = spread[k, varied]

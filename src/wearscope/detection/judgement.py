@@ -1,6 +1,5 @@
 """Tables of a detection: thresholds by cell, recordings judged, simulated runs."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +77,7 @@ class Detection:
             table = getattr(self, name)
             known = {column: unit for column, unit in units.items() if column in table}
             tables.write_table(out / f"{name}.parquet", table, known)
-        tables.write_text(out / "detection.json", json.dumps(self.summary, indent=2) + "\n")
+        tables.write_json(out / "detection.json", self.summary)
 
 
 def judge_recordings(tested: Tested, setting: Setting) -> Detection:
@@ -234,7 +233,7 @@ def _compare_temperatures(tested: Tested) -> dict[tuple[str, str], float]:
 
 
 def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:
-    """What a value is: see `Detection.detection`."""
+    """Verdict on a value; the words are explained at `Detection.detection`."""
     if status != OK:
         return FAILED
     if not np.isfinite(row["threshold"]):

@@ -1,6 +1,6 @@
 """Recordings of a data set as detectors see them, sorted by motion into nominal and judged ones.
 
-Two recordings may be of the same motion whatever they waited before, between and after.
+Waits before, between and after the moves do not matter: the motion may still be the same.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,9 +28,9 @@ from wearscope.errors import InputError
 def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     """Recordings without the torque of short events, and the events.
 
-    A push at one link is felt at others, too little to be found there. So within an event, at all joints,
-    what the declared model and all that goes with the joint's state leave at the common bandwidth is taken
-    out; noise above it stays.
+    A push at one link is felt at the other joints, too weakly to be found there. So during an event the
+    torque of all joints is replaced, up to the common bandwidth, by what the declared model and the joint's
+    state explain; noise above the bandwidth stays.
     """
     joints = prepared.dataset.joints
     names = [name for name in prepared.dataset.fields.declared_effects if not name.endswith(".py")]
@@ -54,8 +54,8 @@ def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     return replace(prepared, runs=runs), events
 
 
-#: Standard deviation of a second difference of white noise, over that of the noise; of a normal sample, over
-#: its median magnitude.
+#: Ratios of standard deviations: of the second difference of white noise to the noise itself; of a normal
+#: sample to its median magnitude.
 _SECOND, _NORMAL = np.sqrt(6.0), 1.4826
 
 
@@ -247,10 +247,11 @@ def estimate_torque_noise(torques: list[Array]) -> Array:
 REST = 0.01
 #: Places along the path at which two motions are compared.
 PLACES = 400
-#: Largest distance of two equal motions, as share of a joint's range; largest difference of the time in
-#: motion at a place, as share of the whole: tracking, wear and temperature change far less.
+#: Two motions are equal within these limits: distance, as a share of a joint's range; time in motion up to a
+#: place, as a share of the whole time. Tracking errors, wear and temperature change far less.
 POSITION, TIME = 0.05, 0.05
-#: A joint's range counts as at least this share of the largest one: one that hardly moves shows only noise.
+#: A joint's range counts as at least this share of the largest range: a joint that hardly moves shows only
+#: noise.
 LEAST_RANGE = 0.02
 
 
@@ -328,7 +329,7 @@ def follow_path(batch: Batch, top: Array) -> Path:
 
 
 def tell_difference(reference: Batch, other: Batch, joints: list[str]) -> str | None:
-    """What makes another recording one of another motion, in words; None where it is the same.
+    """Why another recording is of another motion, in words; None where the motion is the same.
 
     Parameters
     ----------

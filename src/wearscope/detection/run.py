@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.closed_loop.intake.dataset import Dataset, read_dataset
+from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.events import Event
-from wearscope.closed_loop.posing import find_prismatic
+from wearscope.closed_loop.posing import read_measured
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.detection.recordings import MotionGroup, Refused, bridge_events, sort_recordings
 from wearscope.detection.simulated import Draw, Simulated, draw_runs
@@ -23,16 +23,16 @@ from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.supervision import ProcessLost, run_supervised
 
-#: What the test quantities of a run are for, in the column `kind`.
+#: Purposes of a run's test quantities, in the column `kind`.
 NOMINAL, JUDGED, UNWORN, WORN, COMPARED = "nominal", "judged", "simulated", "simulated_worn", "compared"
 
-#: Most simulated runs that are also used to compare the scatter.
+#: Largest number of simulated runs that are also used to compare the scatter.
 _COMPARED = 100
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is asked.
+    """Settings of a detection.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ def ask_recordings(
             f"detect: a false-alarm rate of {setting.p_f:g} takes {least_runs(setting.p_f)} runs without "
             f"wear, but detect.runs is {setting.runs}; raise it, or detect.p_f."
         )
-    dataset = dataset if isinstance(dataset, Dataset) else _read(dataset)
+    dataset = dataset if isinstance(dataset, Dataset) else read_measured(dataset)
     prepared = prepare(dataset)
     check_plausibility(prepared)
     prepared, events = bridge_events(prepared)
@@ -204,12 +204,7 @@ def check_recordings(dataset: str | Path) -> None:
     InputError
         As of `ask_recordings`.
     """
-    sort_recordings(prepare(_read(dataset)))
-
-
-def _read(dataset: str | Path) -> Dataset:
-    path = Path(dataset)
-    return read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+    sort_recordings(prepare(read_measured(dataset)))
 
 
 @dataclass(frozen=True)
@@ -263,11 +258,10 @@ class _Work:
             yield "at", f"{group.name}: the answers to {one.file}"
             if alone:
                 yield ask(NOMINAL, one.file, one.session, None, whole, one.batch)
-            elif count > 1:  # a recording that a detector was fitted to says nothing of its scatter
+            elif count > 1:  # a detector's scatter shows only in recordings that it was not fitted to
                 others = fit_panel(self.detectors, self.joints, measured[:k] + measured[k + 1 :], declared)
                 yield ask(NOMINAL, one.file, one.session, None, others, one.batch)
-        # As the nominal recordings are left out in turn, so is one of the simulated ones for their
-        # comparison.
+        # The nominal recordings are left out in turn; to be comparable, so is one of the simulated ones.
         fewer = panel
         if count > 1 and not alone:
             fewer = fit_panel(self.detectors, self.joints, nominal[:-1], declared)

@@ -24,7 +24,8 @@ from wearscope.simulation.sensors import record
 
 #: Assumed where no temperature is recorded [deg C].
 USUAL_TEMPERATURE = 50.0
-#: A factor moves the torque that changes it by more than this share of its largest magnitude.
+#: A factor counts as moving a torque where it changes the torque by more than this share of its largest
+#: magnitude.
 MOVES = 1e-9
 
 

@@ -1,4 +1,4 @@
-"""The alarm threshold of a wanted false-alarm rate, what a test quantity says, and whose scatter it is.
+"""Alarm threshold for a wanted false-alarm rate, wear that a value indicates, scatter of the machine.
 
 The study's detectors, the panel, are fitted once at every moving joint and asked for each batch.
 """
@@ -16,7 +16,7 @@ from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector, te
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
-#: Places of the wear at which its probability is evaluated.
+#: Number of wear levels at which the probability density of the wear is evaluated.
 _GRID = 401
 #: Fewest sessions of nominal recordings from which the machine's scatter is taken.
 LEAST_NOMINAL = 3
@@ -104,7 +104,7 @@ def find_detected_wear(wear: Array, y: Array, threshold: float, p_d: float) -> f
 
 
 class WearScale:
-    """Which wear a test quantity speaks of, from simulated runs of known wear.
+    """Wear that a value of the test quantity indicates, from simulated runs of known wear.
 
     The mean of y is a cubic in the wear, its standard deviation a straight line, both by least squares; the
     wear of a value has the density that a uniform one over the simulated range gets by Bayes' rule.
@@ -130,7 +130,7 @@ class WearScale:
     def read(self, value: float, level: float = 0.95) -> tuple[float, float, float]:
         """Median and central interval of the wear that gives a value.
 
-        Values that no simulated wear gives speak of the end of the range that is nearest to them.
+        A value beyond those of all simulated wear indicates the nearest end of the range of wear.
         """
         log = -0.5 * ((value - self.mean) / self.deviation) ** 2 - np.log(self.deviation)
         weight = np.exp(log - log.max())
@@ -188,7 +188,7 @@ def compare_scatter(distances: Array, independent: int, p_f: float) -> Scatter:
 
 
 def widen(values: Array, middle: Array | float, widening: float) -> Array:
-    """Values drawn away from their middle; as they are where the widening is not known."""
+    """Distances from the middle times the widening; values unchanged where the widening is not known."""
     return values if np.isnan(widening) else middle + widening * (values - middle)
 
 

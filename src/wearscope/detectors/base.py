@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 #: What a detector may be told: nominal recordings alone, the declared model too, or the law that the
 #: simulator itself uses. The last one exists in no plant, so its result is an upper bound.
 KNOWLEDGE = ("nothing", "nominal model", "simulator's law")
-#: Relative difference of sample rates that is none.
+#: Sample rates that differ by less than this share count as equal.
 SAME_RATE = 1e-3
 
 
@@ -73,7 +73,7 @@ class Detector(Protocol):
     A detector is made with its options as keyword arguments, fitted once for a robot, test-cycle and axis,
     and then asked for one number a batch. Any class with these two methods is a detector. A class attribute
     `unit` may say the unit of that number; ``torque`` is that of the tested joint, N m or N. A class
-    attribute `knows` may say what it is told, one of `KNOWLEDGE`; one that does not say knows nothing.
+    attribute `knows` may say what the detector is told, one of `KNOWLEDGE`; without it, nothing.
     """
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: "RobotModel") -> None:

@@ -61,7 +61,7 @@ def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
 
 
 def differentiate_locally(values: Array, length: int, delta: float) -> Array:
-    """Derivative of least-squares parabolas of `length` samples; near the ends, of the first and last one.
+    """Derivative of least-squares parabolas of `length` samples; the ends use the first and last parabola.
 
     As ``scipy.signal.savgol_filter(values, length, 2, deriv=1, delta=delta, axis=0)``, to the last bit;
     importing that takes as long as the detectors of some recordings.
@@ -96,7 +96,7 @@ def _solve_least_squares(matrix: Array, right: Array) -> Array:
 
 
 def _slope_of_parabola(values: Array, at: Array) -> Array:
-    """Slope a sample, at some samples, of the parabola of least squares through all `values` (M, n)."""
+    """Slope per sample, at samples `at`, of the least-squares parabola through all `values` (M, n)."""
     powers = np.arange(len(values), dtype=float)[:, None] ** np.array([2.0, 1.0, 0.0])
     scale = np.sqrt(np.sum(powers * powers, axis=0))
     square, linear, _ = (_solve_least_squares(powers / scale, values).T / scale).T

@@ -21,7 +21,7 @@ OK = "ok"
 Key = tuple[str, int]
 #: Test quantity and status.
 Answer = tuple[float, str]
-#: Which detector, counted over axes and detectors, is evaluated at which point.
+#: A point, and the column of the detector and axis that is evaluated there.
 Question = tuple[Key, int]
 
 
@@ -149,7 +149,7 @@ def collect_answers(
 
 
 def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[tuple]:
-    """Say what is asked, then its answer; what is answered already is not asked again."""
+    """Yield each question, then its answer; questions that are answered already are left out."""
     fitted = []
     varied: dict[tuple, Detector] = {}
     for column, detector in enumerate(_make_all(questions)):

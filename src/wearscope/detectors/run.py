@@ -59,7 +59,7 @@ def join_test_quantities(
             cell.select(["set", "point", "status"]).to_pandas(), where, max_failed_share, sizes
         )
         joined.append(cell)
-    # In one piece, as it would be at once: how a file is paged depends on it.
+    # In one piece, as if computed at once: the pages of the file depend on the pieces.
     return pa.concat_tables(joined).combine_chunks()
 
 
@@ -163,7 +163,7 @@ def compute_test_quantities(
 def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
     """Points by cell and set at which the detector failed, with the first reason.
 
-    Points whose simulation failed are not among them: they are none of the detector's doing.
+    Points whose simulation failed do not count: the detector did not fail there.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def check_failed_share(
 ) -> None:
     """Refuse a detector that failed at too many points of a set, by the number of points of each set.
 
-    Each set serves a purpose of its own: a fit that misses points is not made good by points of another.
+    Each set serves a purpose of its own: points of another set do not make up for points that a fit misses.
     """
     for set_name, rows in cell.groupby("set", sort=False):
         failed, size = rows[rows["status"] != OK], sizes[str(set_name)]
@@ -257,12 +257,13 @@ def find_options(factors: Sequence[Factor], name: str) -> dict[str, Factor]:
 def set_option(
     reference: str, options: Mapping[str, Any], option: str, factor: Factor, level: float
 ) -> float:
-    """Value of a detector's option at a natural level of its factor; whole where its default is.
+    """Value of a detector's option at a natural level of its factor; whole where the default is whole.
 
     Raises
     ------
     InputError
-        Where the detector has no such option, or a change in percent of none that is stated.
+        Where the detector has no such option, or none whose value is stated where the factor is a change in
+        percent.
     """
     factory = plugins.load(reference, "detectors", "DETECTOR")
     known = inspect.signature(factory).parameters

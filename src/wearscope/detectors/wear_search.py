@@ -16,8 +16,9 @@ from wearscope.effects.base import Effect
 from wearscope.effects.rows import hold_rows
 
 Array = NDArray[np.float64]
-# Difference steps in wear [-] and temperature [deg C], the change at which the search ends, and what counts
-# as not told apart: the share of a slope that offset and payload leave, the normal equations' condition.
+# Difference steps in wear [-] and temperature [deg C]; the change at which the search ends; below the share
+# of a slope that offset and payload leave, or beyond the condition of the normal equations, wear and
+# temperature are not told apart.
 STEPS = (0.5, 0.25)
 TOLERANCE = 1e-4
 MIN_SHARE = 1e-6

@@ -30,8 +30,8 @@ from wearscope.effects.base import Effect, Signals, load_effect
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 # Nodes of the friction torque over speed, in each direction.
 NODES = 64
-# Where the search for f [-] and T [deg C] looks first (how many temperatures), and from how many of the
-# lowest places there it starts.
+# Grid on which the search for f [-] and T [deg C] looks first (wears, number of temperatures), and number of
+# its lowest places from which a search starts.
 FIRST_WEARS = (
     1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 12.5, 15.0, 17.5, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 57.0,
     65.0, 80.0, 100.0,
@@ -137,7 +137,7 @@ class WearTemperatureFit:
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
     def _lowest_temperature(self) -> float:
-        """Lowest temperature searched: of the range down to where the law ends, all but a hundredth."""
+        """Lowest temperature searched: just above where the law ends, and at most 100 K below the start."""
         limits = [effect.temperatures(values) for effect, values in self.varying]
         low, high = max(low for low, _ in limits), min(high for _, high in limits)
         if not low < self.start_temperature < high:
@@ -173,7 +173,7 @@ class WearTemperatureFit:
         x, cost = self._minimise(first, grid.nodes, form)
         traded = self._trade_speeds(x)
         for start in [*others, *([] if traded is None else [traded])]:
-            with suppress(ValueError):  # where this search finds nothing, the one before holds
+            with suppress(ValueError):  # where this search fails, the result before stays
                 other, other_cost = self._minimise(start, grid.nodes, form)
                 if other_cost < cost:
                     x, cost = other, other_cost

@@ -31,12 +31,12 @@ GRAVITY_SIGN = "cross the posture where the gravity torque changes sign, slowly"
 SESSIONS = "record constant slow speed over the whole range in two sessions, both for training"
 ALONE = "move each joint alone, the others held still"
 WEAR = "repeat the motion new and worn, at one temperature"
-#: For an effect that does not say.
+#: Advice for an effect that names no motion.
 OTHERS = "repeat the motion at other speeds, in other postures and with another payload"
 
 
-#: Half width of the search about a grid value of a shape parameter, in its logarithm: grids step by factors
-#: of up to e^0.8.
+#: Half width of the search about a grid value of a shape parameter, in the parameter's logarithm: neighbours
+#: on a grid differ by factors of up to e^0.8.
 SEARCH_WIDTH = 0.8
 
 
@@ -214,12 +214,12 @@ class Effect:
 
     @property
     def is_plain_friction(self) -> bool:
-        """Whether it is friction of a plain joint, which what a model lacks yet can hide or pose as."""
+        """Whether it is friction of a plain joint, which can hide or resemble an effect still missing."""
         return self.standard and self.is_friction
 
     @property
     def is_in_every_drive(self) -> bool:
-        """Whether no drive is without it: a standard effect whose coefficients cannot be negative."""
+        """Whether every drive has it: a standard effect whose coefficients cannot be negative."""
         return self.standard and all(p.lower >= 0.0 for p in self.coefficients)
 
     @property
@@ -229,12 +229,12 @@ class Effect:
 
     @property
     def drifts_alike(self) -> bool:
-        """Whether its torque changes with time or temperature, or not in motion, as a drift's in few runs."""
+        """Whether few runs cannot tell it from a drift: it depends on time or temperature, or is a level."""
         return self.is_thermal or self.is_level
 
     @property
     def is_level(self) -> bool:
-        """Whether its torque does not change in motion, which one run does not tell from a drift's level."""
+        """Whether its torque is constant in motion, which one run cannot tell from the level of a drift."""
         return self.constant_in_motion or self.is_offset
 
     @property
@@ -276,8 +276,12 @@ class Effect:
 
     def pack(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and shape vectors of named values, defaults filled in."""
-        take = lambda ps: np.array([values.get(p.name, p.default) for p in ps], dtype=float)  # noqa: E731
-        return take(self.coefficients), take(self.shape)
+        filled, count = np.array(list(self.fill(values).values())), len(self.coefficients)
+        return filled[:count], filled[count:]
+
+    def fill(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of all parameters by name, defaults filled in."""
+        return {p.name: float(values.get(p.name, p.default)) for p in self.parameters}
 
     def shapes(self, signals: Signals, joint: int) -> np.ndarray:
         """Shape vectors worth trying for given signals, (S, k)."""
@@ -299,7 +303,7 @@ class Effect:
         return self.search_width(signals, joint, np.asarray(shape, dtype=float))
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """Number of values that a fit chooses: the coefficients of a subset, and the searched shapes."""
+        """Number of values that a fit chooses: the coefficients of a subset and the shapes searched."""
         fitted = 0
         if self.search is not None:
             fitted = len(self.estimated_shapes()) if self.searched is None else self.searched
@@ -312,7 +316,7 @@ class Effect:
         return [np.array([names.index(name) for name in variant], dtype=int) for variant in variants]
 
     def plain_subsets(self) -> list[np.ndarray]:
-        """Those of `subsets` that contain no other."""
+        """The subsets that contain no other subset."""
         sets = [{int(i) for i in subset} for subset in self.subsets()]
         return [np.array(sorted(a)) for a in sets if not any(b < a for b in sets)]
 
@@ -344,11 +348,7 @@ class Effect:
         """Lowest and highest temperature [deg C], exclusive, at which the effect holds with given values."""
         if self.limit_temperature is None:
             return -np.inf, np.inf
-        coefficients, shape = self.pack(values)
-        numbers = [*coefficients.tolist(), *shape.tolist()]
-        return self.limit_temperature(
-            {p.name: value for p, value in zip(self.parameters, numbers, strict=True)}
-        )
+        return self.limit_temperature(self.fill(values))
 
     def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
         """Signals that the effect with given shape parameters (k,) at a joint depends on."""

@@ -36,7 +36,7 @@ def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
 
 
 def _hold(values: Mapping[str, float], temperature: float) -> dict[str, float | tuple[float, ...]]:
-    """What a passive joint holds at a temperature, without wear; a bump that is not positive is none."""
+    """Friction that a passive joint holds at a temperature, without wear; without a bump that is negative."""
     held: dict[str, float | tuple[float, ...]] = {
         "friction": values["eta0"],
         "damping": values["eta5"] + values["eta6"] * temperature,

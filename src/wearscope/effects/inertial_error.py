@@ -1,7 +1,7 @@
 """Error of the links' masses, first moments and inertias in the URDF.
 
-The last link's columns are those of a payload: only a payload that changes between runs tells the two apart.
-Not all coefficients can be told apart along a motion, some along none (Gautier and Khalil 1990: base
+The last link has the same columns as a payload: only a payload that changes between runs tells the two apart.
+A motion does not tell all coefficients apart, and some no motion does (Gautier and Khalil 1990: base
 parameters).
 """
 

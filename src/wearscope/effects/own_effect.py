@@ -14,7 +14,7 @@ from wearscope.effects.parameter import Parameter
 from wearscope.effects.rows import ROW
 from wearscope.errors import InputError
 
-#: Value that a trial of a row leaves where the row writes nothing, and places beyond the row's own.
+#: Value that marks places where a tried row wrote nothing; number of guard places beyond the row's own.
 _UNWRITTEN, _GUARD = -7.345e302, 16
 
 
@@ -176,7 +176,7 @@ def _try_row(effect: Effect, where: str) -> None:
     q, a, load = np.array([0.2, 0.5]), np.array([1.0, 2.0]), np.array([5.0, -6.0])
     still = np.full(2, 30.0), np.zeros(2)
     shape, state = effect.pack({})[1], np.zeros(max(memory, 1))
-    # Slices: what a row writes as a whole is its own.
+    # Slices keep a row that assigns to a whole array within its own places.
     effect.row(0, 0.5, 1e-3, sign, q, v, a, load, *still, shape, state, after[:memory], out[:count])
     if np.any(out[:count] == _UNWRITTEN) or np.any(after[:memory] == _UNWRITTEN):
         raise InputError(

@@ -47,7 +47,7 @@ class Parameter:
         return self.unit.format(position=position, torque=torque)
 
     def bounds(self, position_unit: str, load: float = np.inf) -> tuple[float, float]:
-        """Bounds within which data may place the parameter.
+        """Bounds within which a fit may place the parameter.
 
         Parameters
         ----------

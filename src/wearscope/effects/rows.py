@@ -84,20 +84,20 @@ compile_row: Callable = njit(ROW, cache=True)
 
 @njit(types.float64(types.float64, types.float64), cache=True)
 def decay(ratio, power):
-    """``exp(-ratio^power)``, by how much the Stribeck curve has fallen; most laws have a power of 1."""
+    """``exp(-ratio^power)``, the share of the Stribeck curve that is left; most laws have a power of 1."""
     return np.exp(-(ratio if power == 1.0 else ratio**power))
 
 
 _MATRIX = types.Array(types.float64, 2, "C")
 
 
-#: A row as a first-class function: what takes one is compiled once for all effects and kept, where a
-#: dispatcher argument would compile anew in every process.
+#: Type of a row as a first-class function. A function that takes one is compiled once for all effects and
+#: kept; with a dispatcher as argument it would be compiled anew in every process.
 ROW_FUNCTION = types.FunctionType(ROW)
 ROWS = types.ListType(ROW_FUNCTION)
 
 
-# Compiled once and kept, where the list's own methods would be compiled in every process.
+# Compiled once and kept; the methods of a typed list would be compiled in every process.
 @njit(ROWS(), cache=True)
 def _start_rows():
     return typed.List.empty_list(ROW_FUNCTION)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-#: Bytes of slopes that are kept of one run.
+#: Largest size of the slopes that are kept for one run [bytes].
 _KEPT = 2**22
 
 

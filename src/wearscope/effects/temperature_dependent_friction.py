@@ -4,7 +4,8 @@ import numpy as np
 
 from wearscope.effects.base import TEMPERATURE, Effect, Parameter, Signals, compile_row
 
-#: Span of temperature [K] that a sensor at rest shows by itself: below it, no dependence can be seen.
+#: Span of temperature [K] that a sensor shows even at constant temperature: a smaller span cannot show a
+#: dependence.
 LEAST_SPAN = 0.5
 
 

@@ -2,7 +2,7 @@
 
 from wearscope.effects.base import QUICK, MeasurementEffect, Parameter, Signals
 
-#: Smallest delay that is believed, in samples of the recording: clocks of two channels agree no better.
+#: Smallest believable delay, in samples of the recording: the clocks of two channels agree no better.
 _LEAST_SAMPLES = 0.1
 
 

@@ -16,7 +16,7 @@ from wearscope.effects.base import OTHERS, Effect, Parameter, Signals, compile_r
 
 #: Numbers of hat functions worth trying.
 LEVELS = (5, 9, 17, 33)
-#: Finest level tried for most signals; that of the joint's own position and speed is the last one.
+#: Finest level tried for most signals; for the joint's own position and speed all levels are tried.
 COARSE = 9
 #: Hat functions of each signal where there are two, and of their product.
 SIDE, PRODUCT = 5, 25
@@ -24,7 +24,7 @@ SIDE, PRODUCT = 5, 25
 TAPER = 2.0
 #: Signals by code.
 SIGNALS = ("q", "qd", "qdd", "load", "temp", "t")
-#: Codes of temperature and time, which any drift of a run seems to follow.
+#: Codes of temperature and time: any drift of a run looks like a dependence on them.
 SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
 #: Pairs of signals, by code, of the joint itself; of the joint and another one.
 _OWN_PAIRS = ((0, 1), (0, 3), (1, 3), (0, 4), (1, 4), (3, 4), (0, 5), (1, 5), (3, 5))
@@ -50,7 +50,7 @@ def _take(signal, source, t, q, v, a, load, temperature):
 
 @njit(cache=True)
 def _locate(x, low, high, knots):
-    """Knot below, part of the way to the next one, and what is left of the spline beyond the ends."""
+    """Knot below, share of the way to the next knot, factor of the spline (less than 1 beyond its ends)."""
     place = (x - low) / (high - low) * (knots - 1)
     beyond = max(-place, place - (knots - 1.0), 0.0)
     place = min(max(place, 0.0), knots - 1.0)
@@ -120,7 +120,7 @@ def coarsen(knots: int, fewer: int) -> np.ndarray:
 
 
 def list_signals(shape: Sequence[float]) -> list[tuple[int, int]]:
-    """Code and joint of the one or two signals whose spline it is."""
+    """Code and joint of the one or two signals that the spline depends on."""
     first, second = (int(shape[0]), int(shape[1])), (int(shape[5]), int(shape[6]))
     return [first] if second[0] < 0 else [first, second]
 

@@ -1,4 +1,4 @@
-"""The vocabulary as a whole: which effects there are, which a model may lack, and what tells them apart."""
+"""The vocabulary as a whole: all effects, and those with a role, such as candidates for a model."""
 
 from collections.abc import Collection, Iterable, Sequence
 from functools import cache
@@ -48,7 +48,7 @@ def empirical_effect() -> Effect:
 
 
 def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
-    """Declared effects whose value a field gives, so that there is nothing to fit.
+    """Declared effects whose value a field of the data set gives, so that nothing is fitted.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ def candidate_effects(
     extra : sequence of Effect
         A user's own effects.
     given : collection of str
-        Names of the effects whose value is given and stands: what is given can be wrong, what is fitted
-        cannot. Those of `given_effects`, and the rigid body where its inertials are trusted, which every
-        model has, declared or not.
+        Names of effects whose value is given instead of fitted, so that it can be wrong: those of
+        `given_effects`, and the rigid body (which every model has, declared or not) where its inertials are
+        trusted.
     n : int
         Number of joints.
 

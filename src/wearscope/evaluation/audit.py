@@ -1,4 +1,4 @@
-"""Surrogate against direct simulation: where to look, and what is found there."""
+"""Surrogate against direct simulation: the points to compare, and the comparison."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,9 +23,9 @@ from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
 
 AUDIT = "audit"
-#: Set of the points that are simulated in addition where the evidence is close.
+#: Name of the set of further points, simulated where the evidence is close.
 RECHECK = "recheck"
-#: Runs drawn from a surrogate to see how its misses go together.
+#: Runs drawn from a surrogate to see how its errors at neighbouring points are correlated.
 DRAWS = 400
 _ABOUT = ["reason", "hypothesis", "factor", "delta", "sigma", "worn_axis"]
 
@@ -35,9 +35,9 @@ def scope_boundary(
 ) -> tuple[float, float]:
     """A grid cell (Delta, sigma) at the edge of the scope of most cells.
 
-    Over all cells of the table, by the exact method where it is there: for each sigma the smallest Delta at
-    which at least `share` of the cells pass; of these the one at the share `place` of the sigmas. Without
-    any, the largest Delta and the smallest sigma.
+    Over all cells of the table, by the exact method where the table has it: for each sigma the smallest Delta
+    at which at least `share` of the cells pass; of these points the one at the share `place` of the sigmas.
+    Where no point passes, the largest Delta and the smallest sigma.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def choose_more_points(
     detection: float = 0.99,
     first: int = 1,
 ) -> pd.DataFrame:
-    """Points for a second look, where those of the audit leave it open: at other places of each boundary.
+    """Points for a second look where the audit leaves the verdict open: other places of each boundary.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def audit_table(
     model: str = "full",
     chosen: Mapping[tuple, ChosenSurrogate] | None = None,
 ) -> pd.DataFrame:
-    """Both values at every audited point of every cell.
+    """Simulated and surrogate value at every audited point of every cell.
 
     Parameters
     ----------

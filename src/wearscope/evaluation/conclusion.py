@@ -19,9 +19,11 @@ from wearscope.evaluation.recommendation import (
 from wearscope.evaluation.scope import SURE, add_counts, count_scope
 from wearscope.surrogates.fitting import CELL
 
-#: Shares of a group's cells that must be sure; the first share that any change of the fault reaches counts.
+#: Shares of a group's cells that must be sure, tried in turn until some change of the fault reaches the
+#: share.
 SHARES = (1.0, 0.5)
-#: Of the largest variation that a detector bears at any change of the fault: what is enough.
+#: Share of the largest variation that a detector bears at any change of the fault: bearing that much is
+#: enough.
 ENOUGH = 0.5
 
 
@@ -118,8 +120,8 @@ def draw_conclusion(
 ) -> Conclusion:
     """Detector to use, the smallest change of wear that it finds, and how much it tolerates of each factor.
 
-    The change of wear is the smallest at which it bears, of every factor, half of the largest variation that
-    it bears at any change: below, a little less wear costs much tolerance.
+    The change of wear is the smallest at which the detector bears, for every factor, half of the largest
+    variation that it bears at any change: below that, a little less wear costs much tolerance.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def draw_conclusion(
 
 
 def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
-    """Coded change of wear, and what is borne there by factor, of a detector's counts; NaN where none."""
+    """Smallest coded change of wear that a detector finds, and the variation of each factor it then bears."""
     for share in SHARES:
         limits, deltas = {}, np.zeros(0)
         for name, rows in own.groupby("factor", sort=True):
@@ -188,7 +190,7 @@ def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
 def count_sure(
     own: pd.DataFrame, delta: float, borne: Mapping[str, float], shown_sure: bool
 ) -> tuple[int, int]:
-    """Cells of a detector's rows, and those in which the bounds at a change of wear are sure."""
+    """Number of a detector's cells, and of those in which its bounds at a change of wear are sure."""
     cells = own[CELL].drop_duplicates()
     if np.isnan(delta):
         return len(cells), 0
@@ -240,7 +242,7 @@ def threshold_tables(
     levels: Mapping[str, float],
     f0: float,
 ) -> pd.DataFrame:
-    """Thresholds of every conclusion, on the cells that it is about; ``asked`` says which robot's it is.
+    """Thresholds of every conclusion in the cells that it is about; ``asked`` is the conclusion's robot.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Threshold and detection probability (13), (14) at any probability of false alarm: ROC of every cell.
 
-They rest on responses: what a surrogate says of the test quantity over one factor at a time, by the runs.
-Tolerance is the scope in one number: how much a nuisance may vary until a fault is no longer detected.
+They rest on responses: a surrogate's test quantity over one factor at a time. Tolerance is the scope in one
+number: how much a nuisance may vary until a fault is no longer detected.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -111,7 +111,7 @@ def simulated_table(
 
 
 def _join(parts: Sequence[tuple[Sequence[object], Mapping[str, np.ndarray]]]) -> pd.DataFrame:
-    """One table of parts, each with its cell and factor, column by column: a frame a part takes seconds."""
+    """One table of parts, each with its cell and factor; by column: a frame for each part takes seconds."""
     keys = pd.DataFrame([key for key, _ in parts], columns=[*CELL, "factor"])
     counts = [len(next(iter(columns.values()))) for _, columns in parts]
     table = keys.loc[keys.index.repeat(counts)].reset_index(drop=True)
@@ -127,7 +127,7 @@ FALSE_ALARMS = (
 
 
 def pick_levels(grid: Array, most: int) -> Array:
-    """At most so many values of a grid, evenly spread over it, its last among them."""
+    """At most `most` values of a grid, evenly spread over it, the last value among them."""
     place = np.unique(np.linspace(0, len(grid) - 1, most + 1).round().astype(int)[1:])
     return np.asarray(grid, dtype=float)[place]
 

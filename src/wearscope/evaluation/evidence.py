@@ -10,9 +10,10 @@ from wearscope.evaluation.grouping import wilson_interval
 from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
 
-#: Probability of evidence as contrary where the surrogate is right: below it, answers are withheld.
+#: Answers are withheld where a right surrogate would see evidence this contrary with less than this
+#: probability.
 CONTRADICTED = 0.001
-#: Below this it is close, and more points are simulated before anything is withheld.
+#: Below this probability the evidence is close: more points are simulated before anything is withheld.
 CLOSE = 0.05
 
 
@@ -92,9 +93,9 @@ def weigh_evidence(
 
 
 def combine(p: NDArray[np.float64]) -> float:
-    """Pooled probability of some, by the Cauchy combination; NaN are left out, NaN where none is left.
+    """Several probabilities pooled by the Cauchy combination; NaN are left out, NaN where all are NaN.
 
-    One above a half counts as a half, so that no agreement outweighs a contradiction.
+    A probability above a half counts as a half, so that no agreement outweighs a contradiction.
     """
     known = np.clip(p[~np.isnan(p)], 1e-15, 0.5)
     return float(stats.cauchy.sf(np.mean(stats.cauchy.isf(known)))) if known.size else np.nan
@@ -117,7 +118,7 @@ def withheld_answers(answers: pd.DataFrame) -> list[str]:
 
 
 def _test_coverage(good: pd.DataFrame) -> float:
-    """Probability of as many values outside, with the variance that a right surrogate gives their number."""
+    """Probability that a right surrogate leaves at least as many values outside their intervals."""
     if good.empty:
         return np.nan
     outside, expected = int((~good["inside"]).sum()), 0.05 * len(good)
@@ -127,14 +128,14 @@ def _test_coverage(good: pd.DataFrame) -> float:
 
 
 def _test_verdicts(verdicts: pd.DataFrame) -> float:
-    """Probability of as many scope verdicts that disagree."""
+    """Probability that a right surrogate disagrees in at least as many scope verdicts."""
     if verdicts.empty:
         return np.nan
     return float(stats.poisson.sf(int((~verdicts["agrees"]).sum()) - 1, verdicts["chance"].sum()))
 
 
 def _test_snr(direct: pd.DataFrame) -> float:
-    """Probability of an SNR as far from the surrogate's, in the cells that were simulated directly."""
+    """Probability that a right surrogate's SNR is at least as far from the directly simulated one."""
     names = ["snr_direct", "direct_low", "direct_high", "snr_surrogate", "surrogate_low", "surrogate_high"]
     rows = direct[names].dropna().to_numpy(dtype=float)
     if not len(rows):

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy import special
 
 from wearscope.errors import InputError
 from wearscope.surrogates.fitting import CELL
@@ -47,13 +46,10 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[f
     """
     if trials == 0:
         return float("nan"), float("nan")
-    z = float(special.ndtri(0.5 + level / 2))
-    share = successes / trials
-    centre = (share + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z / (1 + z * z / trials) * np.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
-    low = 0.0 if successes == 0 else max(float(centre - half), 0.0)
-    high = 1.0 if successes == trials else min(float(centre + half), 1.0)
-    return low, high
+    from scipy.stats import binomtest  # here, because importing it takes a second
+
+    low, high = binomtest(successes, trials).proportion_ci(level, "wilson")
+    return float(low), float(high)
 
 
 def box_statistics(values: ArrayLike) -> dict[str, float]:

@@ -19,7 +19,7 @@ def overview_table(
     conclusions: Sequence[Conclusion],
     factors: Sequence[Factor],
 ) -> pd.DataFrame:
-    """What the detector that is recommended for a robot does in each test-cycle.
+    """Results of the detector that is recommended for each robot, a row for each of its test-cycles.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def overview_table(
 
 
 def sort_worst_first(overview: pd.DataFrame) -> pd.DataFrame:
-    """Rows where no wear is found first, then by the smallest that is found, then by the SNR."""
+    """Rows where no wear is found first, then by the smallest wear that is found, then by the SNR."""
     order = overview.assign(wear=overview["wear"].fillna(np.inf), snr=overview["snr"].fillna(-np.inf))
     order = order.sort_values(["wear", "snr", "robot", "cycle"], ascending=[False, True, True, True])
     return overview.loc[order.index].reset_index(drop=True)

@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from wearscope.evaluation.grouping import bootstrap_indices
+
 Array = NDArray[np.float64]
 
 CELL_OF_DETECTOR = ["robot", "cycle", "axis"]
@@ -51,7 +53,7 @@ def pivot_detectors(table: pd.DataFrame, value: str) -> pd.DataFrame:
 
 
 def nan_median(values: Array) -> Array:
-    """Median over the last axis but one, NaN left out; NaN where nothing is left; infinities count."""
+    """Median over the last axis but one without NaN; NaN where all values are NaN; infinities count."""
     ordered = np.sort(values, axis=-2)  # NaN last
     count = np.sum(~np.isnan(values), axis=-2, keepdims=True)
     lower, upper = (
@@ -62,7 +64,7 @@ def nan_median(values: Array) -> Array:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis but one, NaN left out; NaN where nothing is left."""
+    """Mean over the last axis but one without NaN; NaN where all values are NaN."""
     count = np.sum(~np.isnan(values), axis=-2)
     total = np.sum(np.where(np.isnan(values), 0.0, values), axis=-2)
     return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
@@ -101,7 +103,7 @@ def _resample(values: Array, statistic: Callable[[Array], Array]) -> Array:
     """Statistic of resampled rows, (`DRAWS`, columns); the draws depend on the number of rows only."""
     n = len(values)
     rng = np.random.default_rng(np.random.SeedSequence([n, 29]))
-    return statistic(values[rng.integers(0, n, size=(DRAWS, n))])
+    return statistic(values[bootstrap_indices(n, DRAWS, rng)])
 
 
 def _estimate(value: float, boot: Array, n: int) -> Estimate:
@@ -113,7 +115,7 @@ def _estimate(value: float, boot: Array, n: int) -> Estimate:
 
 
 def decide(outcomes: Sequence[bool | None]) -> str:
-    """What a claim's parts amount to: agrees, disagrees, partly, undecided, or not asked without any.
+    """A claim's verdict from its parts: agrees, disagrees, partly, undecided; not asked without parts.
 
     Parts that the intervals leave open make it undecided, unless some part is refuted.
     """

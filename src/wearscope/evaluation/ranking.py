@@ -6,17 +6,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import bootstrap_indices, check_group
+from wearscope.evaluation.paired_estimates import FEWEST, Array, nan_median
 from wearscope.surrogates.fitting import CELL, cell_name
 
-Array = NDArray[np.float64]
-#: Fewer cells than these say nothing by being resampled.
-FEW = 5
-#: Values that a block of resamplings holds at most.
+#: Largest number of values that one block of resamplings holds in memory.
 _BLOCK = 1_000_000
 
 
@@ -58,9 +55,9 @@ def rank_by_median(
     """Rank groups by their median, with what the choice of cells leaves open.
 
     The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
-    them at once), so that differences between groups are paired. Where a group has values in fewer than `FEW`
-    of them, resampling says nothing: there the cells' own intervals decide, a group's being the medians of
-    its cells' ends, and a group without intervals is tied with every other.
+    them at once), so that differences between groups are paired. Where a group has values in fewer than
+    `FEWEST` of them, resampling says nothing: there the cells' own intervals decide. A group's interval is
+    the medians of its cells' ends; a group without intervals is tied with every other.
 
     Parameters
     ----------
@@ -96,7 +93,7 @@ def rank_by_median(
     values = wide.to_numpy(dtype=float)
     keys = [key if isinstance(key, tuple) else (key,) for key in wide.columns]
     held = np.sum(~np.isnan(values), axis=0)
-    if len(values) < FEW or np.any((held > 0) & (held < FEW)):
+    if len(values) < FEWEST or np.any((held > 0) & (held < FEWEST)):
         low, high = (
             table.pivot(index=rest, columns=by, values=name).reindex_like(wide).to_numpy(dtype=float)
             if name in table.columns
@@ -105,11 +102,11 @@ def rank_by_median(
         )
         return _rank_few(values, low, high, keys, by)
     stream = generator_for(seed, "rank", value, *by)
-    median = _median(values)
+    median = nan_median(values)
     # Drawn in blocks: all at once they would take draws times the memory of the values.
     block = max(1, _BLOCK // values.size)
     sizes = (min(block, draws - begin) for begin in range(0, draws, block))
-    boot = np.concatenate([_median(values[bootstrap_indices(len(values), n, stream)]) for n in sizes])
+    boot = np.concatenate([nan_median(values[bootstrap_indices(len(values), n, stream)]) for n in sizes])
     tail = 0.5 - level / 2
     order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
     filled = np.where(np.isnan(boot), -np.inf, boot)
@@ -137,7 +134,7 @@ def rank_by_median(
 
 def _rank_few(values: Array, low: Array, high: Array, keys: list[tuple], by: Sequence[str]) -> pd.DataFrame:
     """Ranking of few cells (N, G) by their own intervals; a group without one is tied with every other."""
-    median, low, high = _median(values), _median(low), _median(high)
+    median, low, high = (nan_median(one) for one in (values, low, high))
     known = np.isfinite(median)
     bottom, top = np.where(np.isfinite(low), low, -np.inf), np.where(np.isfinite(high), high, np.inf)
     records = []
@@ -162,7 +159,7 @@ def _describe_group(
     places: tuple[int, int, int],
     tied: Sequence[str],
 ) -> dict[str, Any]:
-    """A group's columns, of its cells' values (N,), its rank and the interval of that."""
+    """A group's columns from its cells' values (N,), its rank and the interval of the rank."""
     return {
         "n": int(np.sum(~np.isnan(values))),
         "n_nan": int(np.sum(np.isnan(values))),
@@ -172,12 +169,3 @@ def _describe_group(
         **dict(zip(("rank", "rank_low", "rank_high"), places, strict=True)),
         "tied_with": ", ".join(tied),
     }
-
-
-def _median(values: Array) -> Array:
-    """Median along the second last axis, NaN left out; NaN where nothing is left."""
-    rows = [(0, 0)] * (values.ndim - 2) + [(0, 1), (0, 0)]
-    ordered = np.sort(np.pad(values, rows, constant_values=np.nan), axis=-2)  # NaN comes last
-    count = np.sum(~np.isnan(values), axis=-2, keepdims=True)
-    middle = [np.take_along_axis(ordered, k, axis=-2) for k in (np.maximum(count - 1, 0) // 2, count // 2)]
-    return np.asarray(np.mean(middle, axis=0)).squeeze(-2)

@@ -1,4 +1,4 @@
-"""Which detector to recommend, and how often it would come out again."""
+"""Which detector to recommend, and how often a resampled study would recommend the same."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
@@ -10,15 +10,15 @@ from scipy import special
 
 from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.grouping import bootstrap_indices
-from wearscope.evaluation.ranking import FEW, rank_deployable
+from wearscope.evaluation.paired_estimates import CELL_OF_DETECTOR, FEWEST
+from wearscope.evaluation.ranking import rank_deployable
 from wearscope.evaluation.scope import count_scope
 from wearscope.surrogates.fitting import CELL
 
-#: How often the choice is made again.
+#: Resamplings: how often the choice of a detector is repeated on resampled cells.
 RESAMPLINGS = 20
-#: Of these, in how many the same detector must come out for the recommendation to count as settled.
+#: Resamplings in which the same detector must be chosen for the recommendation to count as settled.
 SETTLED = 18
-_UNIT = [name for name in CELL if name != "fda"]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def reach_table(scope: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the exact method, of the other where that was not asked."""
+    """Rows of the exact method, or of the other method where the study did not ask for the exact one."""
     exact = scope["method"] == "exact"
     return scope[exact] if exact.any() else scope
 
@@ -103,7 +103,7 @@ def recommend(
     """The detector that comes out most often when the choice is made again.
 
     In each resampling every cell's SNR is drawn anew within its interval; combinations of robot, test-cycle
-    and axis are resampled where there are `FEW` or more; and what is withheld is decided again.
+    and axis are resampled where there are `FEWEST` or more; and what is withheld is decided again.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def recommend(
     if detector != first:
         tied = sorted({*tied, first} - {detector, ""})
     free = snr[~snr["fda"].isin([*upper, *withheld]) & snr["snr_exact"].notna()]
-    best = free.sort_values("snr_exact").groupby(_UNIT)["fda"].last()
+    best = free.sort_values("snr_exact").groupby(CELL_OF_DETECTOR)["fda"].last()
     chosen = Recommendation(detector, tied, found[detector], len(best), int((best == detector).sum()))
     return chosen, ranking
 
@@ -143,16 +143,16 @@ def recommend(
 def _resample(
     snr: pd.DataFrame, reach: pd.DataFrame, stream: np.random.Generator
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Both tables with other values within the intervals, of other combinations where there are enough."""
+    """Both tables resampled: values within their intervals, combinations where there are enough."""
     columns = ["snr_exact", "snr_low", "snr_high"]
     rows = snr.reindex(columns=list(dict.fromkeys([*snr.columns, *columns])))
     half = ((rows["snr_high"] - rows["snr_low"]) / 2).fillna(0.0)
     moved = half / special.ndtri(0.975) * stream.standard_normal(len(rows))
     rows[columns] = rows[columns].add(moved, axis=0)
-    units = snr[_UNIT].drop_duplicates()
-    if len(units) < FEW:
+    units = snr[CELL_OF_DETECTOR].drop_duplicates()
+    if len(units) < FEWEST:
         return rows, reach
     drawn = units.iloc[bootstrap_indices(len(units), 1, stream)[0]].assign(copy=range(len(units)))
-    again = [drawn.merge(table, on=_UNIT) for table in (rows, reach)]
+    again = [drawn.merge(table, on=CELL_OF_DETECTOR) for table in (rows, reach)]
     named = [one.assign(cycle=one["cycle"].astype(str) + "#" + one["copy"].astype(str)) for one in again]
     return named[0], named[1]

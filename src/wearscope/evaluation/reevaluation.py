@@ -154,7 +154,7 @@ def _probabilities(before: Array | None, after: Array | None, truth: Array | Non
     if before is None or after is None or truth is None:
         return changed, np.nan
     size = min(len(before), len(after), len(truth))
-    # One draw of each side: that they share an index means nothing.
+    # The sides are drawn independently: draws with the same index have nothing in common.
     far, near = (np.abs(side[:size] - truth[:size]) for side in (before, after))
     return changed, _probability(far, near)
 

@@ -43,7 +43,7 @@ def tabulated_points(
 
 
 def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
-    """Left neighbour and share of the way to the right one of levels held within `nodes`, shape of `at`."""
+    """Left node of each level, and share of the way to the next node; levels are held within `nodes`."""
     inside = np.clip(at, nodes[0], nodes[-1])
     left = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, len(nodes) - 2)
     return left, (inside - nodes[left]) / (nodes[left + 1] - nodes[left])
@@ -210,7 +210,7 @@ def sampled_scope_table(
 ) -> pd.DataFrame:
     """Scope matrices of every cell's chosen surrogate, long form.
 
-    Nuisance levels beyond -2..2 are held at its end, since nothing was simulated there.
+    Nuisance levels beyond -2..2 are held at the end of that range, since nothing was simulated beyond it.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from wearscope.surrogates.surrogate import Surrogate, expand_coefficients
 
 METHODS = ("exact", "kde")
 Array = NDArray[np.float64]
-#: Share of the draws of a surrogate for which a grid cell must pass to count as sure.
+#: A grid cell is sure where it passes for at least this share of a surrogate's draws.
 SURE = 0.95
 COUNTS = ("cells", "passes", "known", "sure", "differ")
 _GRID = ["factor", "method", "delta", "sigma"]
@@ -62,7 +62,13 @@ def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
 
 
 def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Counts of all parts together, each of other cells; one part and the sum are held at a time."""
+    """Sum of the counts of parts with different cells; memory holds one part and the sum at a time.
+
+    Parameters
+    ----------
+    parts : iterable of DataFrame
+        From `count_scope`, or from `group_scope`, by the same groups.
+    """
     total: pd.DataFrame | None = None
     for part in parts:
         total = part if total is None else _add(pd.concat([total, part], ignore_index=True))
@@ -91,12 +97,13 @@ def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Array, Array, Arr
 
 
 def _add(table: pd.DataFrame) -> pd.DataFrame:
+    counts = [name for name in table.columns if name in COUNTS]
     keys = [name for name in table.columns if name not in COUNTS]
-    return table.groupby(keys, sort=True, observed=True)[list(COUNTS)].sum().reset_index()
+    return table.groupby(keys, sort=True, observed=True)[counts].sum().reset_index()
 
 
 _REACH = 9.0
-#: Brackets that shrink no more are left out when they are more than the rest of this share.
+#: Brackets that have shrunk to one rounding unit are dropped once fewer than this share still shrink.
 _CROWDED = 0.9
 
 
@@ -511,12 +518,3 @@ def group_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
     keys = [*check_group(by), "model", "factor", "method", "sigma", "delta"]
     grouped = scope.groupby(keys, sort=True, observed=True)["passes"]
     return grouped.agg(passes="sum", cells="size").reset_index()
-
-
-def add_group_scopes(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Group scope matrices of all parts, each of other cells, from `group_scope` by the same groups."""
-    if len(parts) == 1:
-        return parts[0]
-    table = pd.concat(parts, ignore_index=True)
-    keys = [name for name in table.columns if name not in ("passes", "cells")]
-    return table.groupby(keys, sort=True, observed=True)[["passes", "cells"]].sum().reset_index()

@@ -11,7 +11,7 @@ from wearscope.surrogates.fitting import CELL
 
 
 def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Rows of a table by robot without those about factors that were dropped there.
+    """Rows of a table, without each robot's rows about factors that were dropped for that robot.
 
     Parameters
     ----------

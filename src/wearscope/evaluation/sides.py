@@ -25,9 +25,9 @@ from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate
 Array = NDArray[np.float64]
 #: Changes of the fault, coded, at which the scope is stated.
 DELTAS = (1.0, 2.0, 4.0)
-#: Fewest drawn response functions whose median is a value.
+#: Fewest drawn response functions from which a median is taken as the value.
 FEWEST = 100
-#: An answer's place: test-cycle, axis, detector, question, what about, coded change of the fault (0: none).
+#: Key of an answer: test-cycle, axis, detector, question, its object, coded change of the fault (0: none).
 Key = tuple[str, int, str, str, str, float]
 
 
@@ -59,7 +59,7 @@ class Questions:
 
 @dataclass
 class Answers:
-    """What one side says.
+    """Answers of one side.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ def answer_side(
                 answers.value[key] = value
             collected.setdefault(key, []).append(draws)
     full = each * len(models)
-    # A model that could not be bridged in a cell leaves its share of the draws to the others.
+    # Where a model could not be bridged in a cell, the other models take its share of the draws.
     answers.drawn = {key: np.resize(np.concatenate(draws), full) for key, draws in collected.items()}
     _add_ranks(answers)
     return answers
@@ -183,7 +183,7 @@ def answer_side(
 def _answer_model(
     name: str, quantities: pd.DataFrame, chosen: pd.DataFrame, asked: Questions, draws: int
 ) -> dict[Key, tuple[float, Array]]:
-    """Value and draws by place, of one model."""
+    """Value and draws of one model, by key."""
     found: dict[Key, tuple[float, Array]] = {}
     levels = nominal_levels(asked.factors)
     sigmas = np.linspace(asked.scope["sigma"][0], asked.scope["sigma"][1], asked.scope["grid"][1])
@@ -229,7 +229,8 @@ def _snr(
 ) -> tuple[float, Array]:
     """SNR with the noise of single runs; the value is the median over what the runs allow.
 
-    Without that noise, a detector that hardly sees the nuisances has what SNR its surrogate's errors give.
+    Without that noise, the SNR of a detector that hardly sees the nuisances would be made of its surrogate's
+    errors.
     """
     if surrogate.status != "ok" or not noise > NOISE_FREE * response_size(surrogate):
         return np.nan, np.full(draws, np.nan)

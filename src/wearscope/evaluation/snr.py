@@ -18,7 +18,7 @@ from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate, condition_on_fault
 
 Array = NDArray[np.float64]
-#: Noise of a run, over the size of y, below which a robot's model counts as free of noise.
+#: A robot's model is free of noise where the noise of a run is less than this share of the size of y.
 NOISE_FREE = 1e-12
 
 
@@ -225,7 +225,7 @@ def snr_table(
 
 
 def answer_rows(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the surrogate that answers: the chosen one, where the paper's model stands next to it."""
+    """Rows of the surrogate that answers: where the paper's model is in the table too, the chosen one."""
     chosen = table["model"] == "chosen"
     return table[chosen].reset_index(drop=True) if chosen.any() else table
 

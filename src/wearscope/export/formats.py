@@ -11,7 +11,7 @@ from wearscope.export.passive_motors import add_gear, add_passive_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, Link, Tree, parse_urdf
 
-#: Body and link that the declared payload is.
+#: Name of the body and link of the declared payload.
 PAYLOAD = "payload"
 #: Inertia given to a point mass, as formats refuse zero [kg m^2].
 _LEAST = 1e-9
@@ -73,7 +73,7 @@ def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
 def own_limits(model: RobotModel, tree: Tree, name: str) -> tuple[float, float]:
     """Torque and speed limit of a joint: the URDF's, as those of a corrected model are the recordings'.
 
-    The model's where the URDF states none; infinite where it has none either.
+    The model's limit where the URDF states none; infinite where the model states none either.
     """
     stated, j = next(joint for joint in tree.joints if joint.name == name), model.joints.index(name)
     speed = np.inf if model.drive.speed_limit is None else float(model.drive.speed_limit[j])
@@ -103,7 +103,7 @@ def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
         xx, xy, xz, yy, yz, zz = payload.inertia
         load = bodies[last].add_body(name=PAYLOAD)
         load.mass, load.ipos, load.explicitinertial = payload.mass, list(payload.com), True
-        # Inertial frames are taken as stated: a point mass is as near to none as MuJoCo takes.
+        # Inertial frames are kept as stated; a point mass gets the least moments that MuJoCo accepts.
         load.fullinertia = [max(xx, _LEAST), max(yy, _LEAST), max(zz, _LEAST), xy, xz, yz]
     return spec
 

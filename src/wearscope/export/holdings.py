@@ -1,6 +1,8 @@
-"""What a format can hold of a model's effects, and what is left."""
+"""Which of a model's effects a format can hold, and which are left out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,7 @@ URDF, MJCF, ISAAC = "URDF", "MJCF", "Isaac Lab"
 FORMATS = (URDF, MJCF, ISAAC)
 #: Effects that bodies and rotors of the model hold already.
 BODIES = (RigidBodyEffect, ArmatureEffect, PayloadEffect, InertialEffect)
-#: Passive terms that a format has not.
+#: Passive terms that each format lacks.
 LACKS = {
     URDF: {
         "quadratic": "URDF's damping is linear in the speed",
@@ -38,9 +40,9 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
-#: Highest frequency of a gear with the inertia on its two sides, and of a joint's inertia on the bristles of
-#: its friction where the model knows no displacement [rad/s]: together, those of eight joints stay below the
-#: 2000 rad/s that a step of 1 ms takes.
+#: Highest frequency [rad/s] of a gear with the inertia on its two sides, and of a joint's inertia on the
+#: bristles of its friction where the model knows no displacement. Coupled, eight joints of this frequency
+#: stay below the 2000 rad/s that a step of 1 ms can follow.
 FASTEST = 700.0
 #: Least radius of gyration of a corrected body [m].
 LEAST_RADIUS = 1e-3
@@ -131,12 +133,12 @@ class Holdings:
 
 
 def without_motors(held: Holdings) -> Holdings:
-    """What MJCF holds without passive motors and gears."""
+    """Holdings of MJCF without passive motors and gears."""
     return replace(held, falling={}, presliding={}, wave={}, gear={})
 
 
 def held_by(held: Holdings, format: str) -> Holdings:
-    """What a format holds, as MuJoCo can run it."""
+    """A format's holdings in a form that MuJoCo can run."""
     if format == MJCF:
         return held
     zero = np.zeros_like(held.friction)
@@ -156,21 +158,12 @@ def take_holdings(model: RobotModel, temperature: float, load: Array | None = No
         At which friction that depends on it is taken [N m or N]; that at home by default.
     """
     plant = build_plant(model)
-    zeros = [np.zeros(model.n) for _ in range(6)]
     body = model.rigid_body(model.declared_payload)
-    held = Holdings(
-        zeros[0],
-        zeros[1],
-        zeros[2],
-        plant.armature.copy(),
-        zeros[3],
-        zeros[4],
-        body,
-        plant.inertials,
-        zeros[5],
-    )
+    zero = ("friction", "damping", "quadratic", "stiffness", "preload", "by_load")
+    nothing: dict[str, Any] = {name: np.zeros(model.n) for name in zero}
+    held = Holdings(armature=plant.armature.copy(), body=body, corrected=plant.inertials, **nothing)
     for j in np.flatnonzero(held.armature):
-        held.left.append(Left(URDF, model.joints[j], "rotor_inertia", "URDF has no rotor inertia"))
+        _leave(held, [URDF], model.joints[j], "rotor_inertia", "URDF has no rotor inertia")
     for entry in model.effects:
         effect = load_effect(entry.effect).for_robot(model.n)
         _take(
@@ -182,7 +175,7 @@ def take_holdings(model: RobotModel, temperature: float, load: Array | None = No
     for number, terms in held.presliding.items():
         if sum(level for level, _ in terms) > held.friction[number] or min(level for level, _ in terms) < 0.0:
             reason = "its level is not one of the Coulomb friction, of which it is a part"
-            _leave(held, MJCF, model.joints[number], "presliding_hysteresis", reason)
+            _leave(held, [MJCF], model.joints[number], "presliding_hysteresis", reason)
             terms.clear()
     _take_inertials(held, model)
     _refuse_negative(held, model)
@@ -195,7 +188,7 @@ def _take_gears(held: Holdings, model: RobotModel, plant: Plant) -> None:
     for j in np.flatnonzero((plant.compliance > 0.0) | (plant.lost_motion > 0.0)).tolist():
         if not held.armature[j] > 0.0:
             _leave(
-                held, MJCF, model.joints[j], "transmission", "a gear needs the rotor's inertia, which is 0"
+                held, [MJCF], model.joints[j], "transmission", "a gear needs the rotor's inertia, which is 0"
             )
             continue
         least = 1.0 / (held.gear_inertia(j) * FASTEST**2)
@@ -203,7 +196,7 @@ def _take_gears(held: Holdings, model: RobotModel, plant: Plant) -> None:
         if least > own:
             unit = f"{model.position_units[j]}/({model.torque_units[j]})"
             reason = f"its compliance is {least:.3g} {unit}, not {own:.3g}: as stiff as a step of 1 ms takes"
-            _leave(held, MJCF, model.joints[j], "transmission", reason)
+            _leave(held, [MJCF], model.joints[j], "transmission", reason)
         held.gear[j] = (max(own, least), float(plant.lost_motion[j]), float(plant.mesh_torque[j]))
 
 
@@ -220,8 +213,7 @@ def _take(
     if isinstance(effect, BODIES):
         return
     if isinstance(effect, TransmissionEffect):
-        for format in (URDF, ISAAC):
-            _leave(held, format, joint, name, "its joints have no gear that yields")
+        _leave(held, (URDF, ISAAC), joint, name, "its joints have no gear that yields")
         return
     if effect.passive is None:
         reason = "it has no such term"
@@ -229,27 +221,23 @@ def _take(
             reason = "it has no memory of the kind and no such sensor"
         elif any("temp" in signal or signal == "t" for signal in effect.depends_on):
             reason = "it knows no temperature and no time"
-        for format in FORMATS:
-            _leave(held, format, joint, name, reason)
+        _leave(held, FORMATS, joint, name, reason)
         return
-    coefficients, shape = effect.pack(values)
-    numbers = [*coefficients.tolist(), *shape.tolist()]
-    given = {p.name: value for p, value in zip(effect.parameters, numbers, strict=True)}
-    for term, value in effect.passive(given, warmth).items():
+    for term, value in effect.passive(effect.fill(values), warmth).items():
         if isinstance(value, tuple):
             getattr(held, term).setdefault(j, []).append(value)
         else:
             getattr(held, term)[j] += value
         for format, lacks in LACKS.items():
             if term in lacks:
-                _leave(held, format, joint, name, lacks[term])
+                _leave(held, [format], joint, name, lacks[term])
     if effect.passive_lacks:
-        for format in FORMATS:
-            _leave(held, format, joint, name, effect.passive_lacks.format(temperature=f"{warmth:g}"))
+        _leave(held, FORMATS, joint, name, effect.passive_lacks.format(temperature=f"{warmth:g}"))
 
 
-def _leave(held: Holdings, format: str, joint: str, effect: str, reason: str) -> None:
-    held.left.append(Left(format, joint, effect, reason))
+def _leave(held: Holdings, formats: Sequence[str], joint: str, effect: str, reason: str) -> None:
+    """Note in each of some formats that an effect is left out."""
+    held.left += [Left(format, joint, effect, reason) for format in formats]
 
 
 def _take_inertials(held: Holdings, model: RobotModel) -> None:
@@ -276,8 +264,7 @@ def _take_inertials(held: Holdings, model: RobotModel) -> None:
                 f"no body has its inertia with its mass and centre of mass; its moments are raised by "
                 f"{grown:.3g} kg m^2"
             )
-        for format in FORMATS:
-            _leave(held, format, model.joints[j], "payload_error" if last else "inertial_error", reason)
+        _leave(held, FORMATS, model.joints[j], "payload_error" if last else "inertial_error", reason)
 
 
 def make_possible(parameters: Array) -> tuple[Inertia, float]:
@@ -315,17 +302,16 @@ def _as_payload(body: Inertia) -> Payload:
 
 
 def _refuse_negative(held: Holdings, model: RobotModel) -> None:
-    """Leave out what a format takes from zero on only."""
+    """Leave out negative values that a format refuses."""
     for values, what in (
         (held.friction, "Coulomb friction"),
         (held.damping, "viscous friction"),
         (held.armature, "rotor inertia"),
     ):
         for j in np.flatnonzero(values < 0.0):
-            for format in FORMATS:
-                _leave(held, format, model.joints[j], what, f"{values[j]:.4g} is negative")
+            _leave(held, FORMATS, model.joints[j], what, f"{values[j]:.4g} is negative")
             values[j] = 0.0
     for j in np.flatnonzero((held.stiffness <= 0.0) & ((held.stiffness != 0.0) | (held.preload != 0.0))):
         reason = f"its stiffness {held.stiffness[j]:.4g} is not positive"
-        _leave(held, MJCF, model.joints[j], "joint_spring", reason)
+        _leave(held, [MJCF], model.joints[j], "joint_spring", reason)
         held.stiffness[j] = held.preload[j] = 0.0

@@ -84,12 +84,14 @@ def place_gears(
         data.qpos[q], data.qvel[v], data.qacc[v] = (float(one[j]) for one in row)
 
 
-#: Speeds of the falls that a sum is made of, over the fall's own; weights below a share of all are left out.
+#: Speeds of the falls in a sum, over the speed of the fall that they replace; smallest weight that is kept,
+#: as a share of all.
 _SPEEDS, _LEAST = 2.0 ** np.arange(-5.0, 3.1, 0.5), 0.01
-#: Share of a fall's level that is left in fast motion where the joint has no Coulomb friction: the law needs
-#: some.
+#: Share of a fall's level that remains in fast motion where the joint has no Coulomb friction: LuGre's law
+#: needs some.
 _FLOOR = 0.01
-#: The bristles' damping ratio with the joint's inertia; of a displacement that the model knows, Dahl's: none.
+#: Damping ratio of the bristles with the joint's inertia. Bristles that follow Dahl's law, where the model
+#: knows the displacement, have no damping.
 _DAMPING = 0.05
 #: Electrical resistance, so high that the motor carries no current, and its motor constant.
 _OPEN, _CONSTANT = 1e9, [1.0, 0.0]

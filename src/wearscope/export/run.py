@@ -1,6 +1,5 @@
 """A model exported into a folder: URDF, MJCF, a table of parameters, and what the formats cannot hold."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -49,7 +48,8 @@ def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None)
         units = {p.name: p.unit_at(model.position_units[j], model.torque_units[j]) for p in effect.parameters}
         for name, value in entry.parameters.items():
             low, high = intervals.get((entry.joint, effect.name, name), (np.nan, np.nan))
-            # A joint may have several of an effect: an interval is that of the value that it holds.
+            # A joint may have the same effect several times: the interval that contains the value belongs to
+            # it.
             if not low <= value <= high:
                 low = high = np.nan
             rows.append((entry.joint, effect.name, name, value, low, high, units[name], entry.source))
@@ -101,7 +101,7 @@ def export_model(
     """
     need("mujoco")
     from wearscope.export.comparison import (
-        compare,  # here, as all three import MuJoCo
+        compare,  # imported here: all three import MuJoCo
         compare_replays,
     )
     from wearscope.export.formats import write_isaac_lab, write_mjcf, write_urdf
@@ -127,7 +127,7 @@ def export_model(
     tables.write_text(out / "robot.xml", write_mjcf(model, held))
     tables.write_text(out / "isaac_lab.json", write_isaac_lab(model, held))
     tables.write_text(out / "parameters.csv", list_parameters(model, verdict).to_csv(index=False))
-    tables.write_text(out / "export.json", json.dumps(summary, indent=2) + "\n")
+    tables.write_json(out / "export.json", summary)
     return summary
 
 
@@ -146,7 +146,7 @@ def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[s
 
 
 def tell_export(summary: Mapping[str, Any]) -> list[str]:
-    """What the formats cannot hold, then how far each is from a motion that it runs again; a line each."""
+    """A line for each thing that a format cannot hold, then for each format how far its replay is off."""
     grouped: dict[tuple[str, str, str], list[str]] = {}
     for one in summary["left"]:
         grouped.setdefault((one["format"], one["effect"], one["reason"]), []).append(one["joint"])

@@ -1,8 +1,9 @@
 """What studies run, compiled ahead: ``python -m wearscope.jobs.compiled``, the last step of the set-up.
 
 Numba compiles a function when it is first called and keeps what it made next to the source, until that
-changes. Here all that a study compiles is called once, on as little as will do, so that none waits for it.
-Python keeps the byte-code of what is imported in the same way, so that all that a study imports is imported.
+changes. Here every function that a study compiles is called once on small inputs, so that no study waits for
+compilation. Python keeps the byte-code of what is imported in the same way, so that all that a study imports
+is imported.
 """
 
 import pkgutil
@@ -23,7 +24,7 @@ from wearscope.plugins import list_names
 from wearscope.robots.model import load_model
 from wearscope.simulation.study import Conditions, simulate_point
 
-#: Robot and test-cycle that are as good as any other, integration step [s].
+#: Robot, test-cycle and integration step [s] of the trial; any others would do as well.
 ROBOT, CYCLE, STEP = "medium", "point_to_point", 0.004
 
 

@@ -93,7 +93,7 @@ class Plan:
 
     @cached_property
     def categories(self) -> dict[str, str]:
-        """What of Snakemake's report a figure belongs to."""
+        """Category of a figure in Snakemake's report."""
         return {
             "sensitivity": "Q-1: which factors matter",
             "snr": "Q-2: which detector is best",
@@ -123,7 +123,7 @@ class Plan:
         return max(20, len(self.study.robots) // 10)
 
     def asked_of(self, model: str, find: Callable[[str], Any] | None = None) -> Callable[..., dict[str, Any]]:
-        """Input function: the tables that make a section's surrogates, where `find` says that they are."""
+        """Input function: tables for a section's surrogates, at the places that `find` gives."""
         find = find or (lambda table: f"{self.folder}/{table}.parquet")
         files = {"surrogates": find("surrogates")}
         if model == "chosen":
@@ -131,7 +131,7 @@ class Plan:
         return lambda wildcards: files
 
     def parts(self, table: str, *each: str) -> list[str]:
-        """Tables that make a table of the study: one a robot, robot and test-cycle, or partition."""
+        """Parts that a study's table is joined from: a table for each robot, test-cycle or partition."""
         if divided := self.study.divide():
             numbers = [part.partitions.number for part in divided]
             return [f"{self.folder}/partitions/{number:05d}/{table}.parquet" for number in numbers]
@@ -140,21 +140,23 @@ class Plan:
         return list(dict.fromkeys(pattern.format(robot=robot, cycle=cycle) for robot, cycle in pairs))
 
     def whole(self, table: str) -> list[str]:
-        """A table of the study, as one file; or as one a partition, from which it would be joined."""
+        """A table of the study: one file, or a file for each partition."""
         return self.parts(table) if self.study.divide() else [f"{self.folder}/{table}.parquet"]
 
-    def figure_files(self, names: Iterable[str], report: Callable[..., Any]) -> dict[str, Any]:
-        """SVG files, with what Snakemake's `report` takes, and PNG files of some figures."""
+    def figure_files(
+        self, names: Iterable[str], folder: str, mark: Callable[..., Any] = lambda file, **about: file
+    ) -> dict[str, Any]:
+        """SVG files, marked with what Snakemake's `report` takes, and PNG files of figures in a folder."""
         files = {}
         for name in names:
             caption = "scope" if name in self.scope_figures else name
-            files[f"{name}_svg"] = report(
-                f"{self.folder}/figures/{name}.svg",
+            files[f"{name}_svg"] = mark(
+                f"{folder}/figures/{name}.svg",
                 caption=f"../report/{caption}.rst",
                 category=self.categories[name],
                 labels={"figure": name.replace("_", " ")},
             )
-            files[f"{name}_png"] = f"{self.folder}/figures/{name}.png"
+            files[f"{name}_png"] = mark(f"{folder}/figures/{name}.png")
         return files
 
     def recordings_of(self, sets: Iterable[str], chunk: str = "0") -> list[str]:
@@ -186,7 +188,7 @@ class Plan:
         return [f"{folder}/{name}/_chunk-{chunk}.json" for name in sets for chunk in self.chunks(name)]
 
     def packed_sets(self, *sets: str) -> list[str]:
-        """Those of some sets whose recordings are a file a chunk."""
+        """Those sets whose recordings are packed, a file for each chunk."""
         return [one for one in sets if self.packs or (self.drops and "nominal" not in one)]
 
     def packed(self, robot: str, cycle: str, *sets: str) -> list[str]:
@@ -202,7 +204,7 @@ class Plan:
         return [(name, chunk) for name in sorted(sets) for chunk in range(-(-self.points[name] // size))]
 
     def quantity_inputs(self, *sets: str) -> dict[str, Any]:
-        """Inputs of the test quantities of some sets: traces, or what was computed of chunks of them."""
+        """Inputs of the test quantities of some sets: traces, or test quantities of their chunks."""
         simulated, cut = [*sets, self.nominal_of(sets[0])], self.quantity_chunks(*sets)
         folder = f"{self.folder}/parts/quantity_chunks/{{robot}}/{{cycle}}"
         return {
@@ -213,7 +215,7 @@ class Plan:
         }
 
     def quantity_traces(self, list_files: Callable[..., list[str]], w: Any) -> list[str]:
-        """Of what `list_files` lists: the nominal runs, and what a chunk of test quantities lies in."""
+        """Files, by `list_files`, of the nominal runs and of the points of a chunk of test quantities."""
         size, first = self.study.simulation.quantities_per_job(), int(w.chunk)
         assert size is not None, "there are chunks"
         last = min((first + 1) * size, self.points[w.set]) - 1
@@ -229,11 +231,11 @@ class Plan:
         return 1200 + round(CELL_BYTES * sum(self.points[name] for name in sets) * cells / 2**20)
 
     def job_minutes(self) -> int:
-        """Time [min] for a job whose points were cut to its length: three times what it is said to take."""
+        """Time [min] for a job of a given number of points: three times the stated time."""
         return max(20, round(3 * (self.study.simulation.job_seconds or 0) / 60))
 
     def partition_minutes(self) -> int:
-        """Time [min] for a partition: three times what its points are said to take."""
+        """Time [min] for a partition: three times the stated time of its points."""
         points = sum(self.points[name] for name in self.study_sets)
         points *= len(self.study.cycles) * self.study.partitions.robots
         seconds = points * (self.study.simulation.point_seconds + self.study.simulation.quantity_seconds)
@@ -244,7 +246,7 @@ def needs(mib: int, minutes: int) -> dict[str, Callable[..., int]]:
     """Memory [MiB] and time [min] that a job asks a cluster for, more each time that it is tried again.
 
     Memory is 1.6 to 2.4 times the largest that was measured (docs/cluster.md); times are generous guesses.
-    What is not said on a rule is in profiles/default.
+    Resources that a rule does not state are in profiles/default.
     """
     return {
         "mem_mb": lambda wildcards, attempt: attempt * mib,

@@ -23,7 +23,7 @@ _LOOKS = ("*.mplstyle", "templates/*", "templates/*/*")
 
 
 def tell(find: Callable[..., Any], *given: Any) -> Any:
-    """What a function finds; ends the run in its sentence where it refuses."""
+    """Result of a function; where it refuses the input, the run ends with its sentence."""
     try:
         return find(*given)
     except InputError as error:
@@ -38,7 +38,7 @@ def refuse_without_dataset(wildcards: Any) -> None:
 
 
 def list_tracked(sessions: Tracked | None, folder: str) -> list[str]:
-    """What tracking makes in a folder; ends the run in one sentence where there is nothing to track."""
+    """Files that tracking makes in a folder; the run ends in one sentence if there is nothing to track."""
     if sessions is None:
         raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
     if sessions.refusal:
@@ -164,7 +164,7 @@ class StudyFiles:
         return [*self.named_robots.values(), *(one.source for one in self.study.carry_over.values())]
 
     def _identify_installed(self, *rooms: str) -> dict[str, Any]:
-        """What is used of installed packages, by name: the dates of their files tell no change."""
+        """Plug-ins of installed packages, by name and version: dates of their files do not tell changes."""
         robots = self._list_robots()
         named = {
             "robots": robots,

@@ -224,7 +224,7 @@ def take_recordings(
     reference: Sequence[str] = (),
     **stated: Any,
 ) -> Iterator[Path]:
-    """Folder of a data set: the one that is named, or one that is made of data frames for as long as needed.
+    """Folder of a data set: the named one, or a temporary folder made from data frames.
 
     Parameters
     ----------

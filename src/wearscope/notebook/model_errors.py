@@ -1,6 +1,5 @@
 """Errors of any model on any recordings, in torque and in position."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +15,11 @@ from wearscope.closed_loop.diagnostics.forward import (
     recorded_temperature,
     with_payload,
 )
-from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.model.prediction import relative_error, rms
-from wearscope.closed_loop.posing import find_prismatic
+from wearscope.closed_loop.posing import read_measured
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
@@ -32,7 +30,7 @@ HORIZONS = (0.1, 0.5, 2.0)
 MOST_ROLLOUTS = 20
 #: A joint moves above this share of its highest speed.
 MOVING = 0.01
-#: Speed [rad/s or m/s] that a joint at rest has by rounding at most.
+#: Largest speed that rounding gives a joint at rest [rad/s or m/s].
 _ROUNDING = 1e-9
 _SEED, _DRAWS = 17, 400
 
@@ -64,7 +62,7 @@ class ModelErrors:
     def write(self, folder: str | Path) -> None:
         """Write ``evaluation.json``, ``torque_errors.parquet`` and ``rollout_errors.parquet``."""
         out = Path(folder)
-        tables.write_text(out / "evaluation.json", json.dumps({"judged": self.judged}, indent=2) + "\n")
+        tables.write_json(out / "evaluation.json", {"judged": self.judged})
         tables.write_table(out / "torque_errors.parquet", self.torque, {"error_percent": "%"})
         tables.write_table(out / "rollout_errors.parquet", self.rollouts, {"seconds": "s"})
 
@@ -97,11 +95,10 @@ def evaluate_model(
     InputError
         Where the data set breaks the format, is of other joints, or none of it can be simulated.
     """
-    path = Path(dataset)
-    read = read_dataset(path.parent if path.suffix in (".yaml", ".yml") else path, find_prismatic)
+    read = read_measured(dataset)
     if list(read.joints) != list(model.joints):
         raise InputError(
-            f"{path}: records the joints {', '.join(read.joints)}, and model '{model.name}' has "
+            f"{dataset}: records the joints {', '.join(read.joints)}, and model '{model.name}' has "
             f"{', '.join(model.joints)}; give a model of the recorded joints, in their order."
         )
     prepared = prepare_thinned(read)
@@ -114,13 +111,13 @@ def evaluate_model(
         progress(f"{run.label}: {torque[-1]['outcome']}")
     if all(one["outcome"] != "ok" for one in torque):
         more = "" if np.isfinite(temperature) else " One that was not recorded can be given: --temperature."
-        raise InputError(f"{path}: none of it can be simulated; {torque[0]['outcome']}{more}")
+        raise InputError(f"{dataset}: none of it can be simulated; {torque[0]['outcome']}{more}")
     table = pd.DataFrame(torque)
     return ModelErrors(table, pd.DataFrame(rolled), count_judged(prepared, table))
 
 
 def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
-    """At how many joints, and for how many seconds, a table of torque errors judges; and what it does not."""
+    """Number of joints and seconds that a table of torque errors judges, and what is left unjudged."""
     known = torque[torque["error_percent"].notna()]
     names = [joint for joint in prepared.dataset.joints if joint in set(known["joint"])]
     runs = {run.label: float(run.t[-1] - run.t[0]) for run in prepared.runs}

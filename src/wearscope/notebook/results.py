@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wearscope.notebook.model_errors import ModelErrors
 
 
-#: What a column's unit is called where each row has its own.
+#: Unit of a column whose rows have units of their own.
 OWN_UNIT = "as the column unit says"
 
 
@@ -167,7 +167,7 @@ class TrackingResult(Shown):
     changes: pd.DataFrame
 
     def headline(self) -> str:
-        """What changed in the last session that shows a change."""
+        """The changes of the last session that shows any."""
         rows = self.summary()
         if rows.empty:
             return f"no change in {', '.join(one['session'] for one in self.content['sessions'])}"

@@ -220,7 +220,7 @@ class Study:
 
 
 def _give_place(ax: "Axes | None") -> "FigureBase | None":
-    """The part of a figure that axes had."""
+    """Take axes off their figure, and return the part of the figure that they had."""
     if ax is None:
         return None
     figure, place = ax.figure, ax.get_subplotspec()
@@ -231,7 +231,7 @@ def _give_place(ax: "Axes | None") -> "FigureBase | None":
 
 
 def _let_notebook_show_figures() -> None:
-    """Do ``%matplotlib inline`` where nobody has: a notebook would show a figure's size alone."""
+    """Do ``%matplotlib inline`` unless done: without it, a notebook shows only the size of a figure."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     if shell is not None and hasattr(shell, "kernel"):

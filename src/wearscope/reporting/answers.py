@@ -24,9 +24,9 @@ from wearscope.reporting.page import format_number, interval_text
 from wearscope.reporting.study import Study
 
 HALF = 0.5
-#: Terms that a sentence names.
+#: Largest number of terms that a sentence names.
 _MOST_TERMS = 3
-#: What an SNR's status means, said of the cells that have it.
+#: Wording of an SNR's status, as said of the cells with that status.
 _STATUSES = {
     "decreasing": "the test quantity falls with wear; their sign is not reversed.",
     "noise-free": "the robot's model has no noise, so there is no SNR; give its sensors some.",
@@ -38,9 +38,9 @@ _STATUSES = {
 class Tolerance:
     """How much variation of one factor a group of cells tolerates.
 
-    The share is of all verdicts on the grid, those that pass. At the largest coded change `delta` of the
-    fault, at least half the cells pass up to `sigma`: NaN where not even the smallest is reached, and the
-    largest one where the grid ends.
+    `share` is the part of all verdicts on the grid that pass. At the largest coded change `delta` of the
+    fault, at least half the cells pass up to `sigma`: NaN where they fail even at the smallest sigma, the
+    largest sigma where they pass up to the end of the grid.
     """
 
     group: str
@@ -78,7 +78,7 @@ def relevant_factors(study: Study) -> list[str]:
 def _confirmed_terms(study: Study, by: list[str]) -> dict[str, set[str]]:
     """Terms of second order that outweigh wear in more than half the cells of a group by the full model.
 
-    Model (19) has no square of f: where y curves with f, part of that curvature shows in its other squares.
+    Model (19) has no square of f: where y curves with f, part of that curvature appears in the other squares.
     Empty where the study has no full model.
     """
     rows = study.surrogates[study.surrogates["model"] == "full"]
@@ -149,7 +149,7 @@ def best_detector(study: Study) -> list[str]:
 
 
 def tolerances(study: Study, factor: str) -> list[Tolerance]:
-    """Variation of a factor that half the cells of each group bear, the one with the largest share first."""
+    """Variation of a factor that half the cells of each group bear; groups with the largest share first."""
     found = []
     by = list(study.config["scope"]["group_by"])
     asked = study.exact_scope(factor)

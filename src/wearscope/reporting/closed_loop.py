@@ -1,4 +1,4 @@
-"""What closing the loop left in its folder, as a page asks for it, and short events of recordings."""
+"""Files of a closed loop, read for its page, and short events of recordings."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ _SIGNALS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """One closed loop's outcome: ``verdict.json`` and its tables, None where it was closed without one.
+    """One closed loop's outcome: ``verdict.json`` and its tables; a table that the loop did not make is None.
 
     `models` are the model files by stage, `links` mass [kg] and centre of mass [m] of each link by stage, and
     those of the robot's own URDF as `declared` where it is known.
@@ -122,8 +122,8 @@ def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
     First the signals that its verdict names, then those that the unexplained residual depends on, then those
-    along which the medians of the residual before the correction scatter most. The direction of motion is
-    drawn over the speed, of which it is a step.
+    along which the medians of the residual before the correction scatter most. A dependence on the direction
+    of motion is drawn over the speed, as a step at 0.
     """
     wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
     wanted += loop.verdict["joints"][joint]["depends_on"]
@@ -135,7 +135,7 @@ def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
 
 
 def _split(loop: ClosedLoop, name: str) -> tuple[str, str] | None:
-    """Column and joint of a signal's name, or None where the tables do not hold it."""
+    """Column and joint of a signal's name; None where the tables lack the signal."""
     code, _, joint = name.partition("_")
     held = code in ("q", "qd", "qdd", "load", "temp") and joint in loop.joints
     return (code, joint) if name == "t" or held else None

@@ -1,4 +1,4 @@
-"""The page of a closed loop: what the model lacked, the errors before and after, and how sure that is."""
+"""The page of a closed loop: effects that the model lacked, errors before and after, and certainty."""
 
 from pathlib import Path
 

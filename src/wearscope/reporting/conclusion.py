@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: Share of a joint's top speed at which a wear level is told as friction.
 SPEED = 0.1
-#: Where nothing else limits a study's answer more.
+#: Caveat of a study whose answer nothing else limits more.
 SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
 _WORDS = "study/strip.html"
 
@@ -46,13 +46,13 @@ def study_strip(study: Study, pages: bool = False) -> Strip | None:
 
 
 def recommendations(study: Study) -> Sequence[Conclusion]:
-    """What is recommended: of all robots together where it is the same detector for each, else by robot."""
+    """Recommendations: one for all robots where each has the same detector, else one for each robot."""
     whole, *own = study.conclusions
     return own if any(one.detector != whole.detector for one in own) else [whole]
 
 
 def describe(study: Study, one: Conclusion, pages: bool = False) -> SimpleNamespace:
-    """What the words of the strip need of a recommendation."""
+    """Values of a recommendation that the strip's words need."""
     rise = friction_rise(study, one.wear, one.robot) if np.isfinite(one.wear) else None
     less = [study.factor(bound.factor) for bound in one.bounds if _is_narrow(study, bound)]
     shifts = [f"{factor_name(factor)} moves from {_span(*shift(study, factor), factor)}" for factor in less]
@@ -97,7 +97,7 @@ def reach_of_shifts(study: Study) -> dict[str, float]:
 
 
 def _is_narrow(study: Study, bound: Bound) -> bool:
-    """Whether a detector stands less of a factor than a shift brings; the end of the grid is no limit."""
+    """Whether a detector tolerates less of a factor than a shift brings; the grid's end is no limit."""
     return not bound.largest and 1.96 * bound.sigma < reach_of_shifts(study)[bound.factor]
 
 

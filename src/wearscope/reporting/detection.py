@@ -1,4 +1,4 @@
-"""What detectors on recordings left in their folder, and what that says in words."""
+"""Files of detectors on recordings, and their result in words."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from wearscope.storage import tables
 
 #: Words of factors by kind.
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
-#: Difference of temperatures that an alarm is said with [K].
+#: An alarm is told with the difference of temperature where that is larger than this [K].
 WARMER = 1.0
-#: Verdicts of a joint and detector; the first is what a recording is called.
+#: Verdicts of a joint and detector in order; a recording takes the first of those that its joints have.
 _ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
-#: How a threshold that was reached is told.
+#: Wording of a threshold that was reached, by verdict.
 _REACHED = {"alarm": "Alarm", "unchecked": "Above the threshold, but not confirmed,"}
 _SURE = "Thresholds for {:g} % false alarms, from simulated runs that scatter as the machine."
 _NONE = (
@@ -40,9 +40,9 @@ _STRIPS = {
     "withheld": _NONE,
     "failed": _NONE,
 }
-#: How a recording is told, by its verdict: kind of conclusion, and words.
+#: Kind of conclusion and wording for a recording, by its verdict.
 _OUTCOMES = {"alarm": ("alarm", "alarm."), "no alarm": ("plain", "no alarm.")}
-#: Verdicts that are no answer, and why.
+#: Verdicts that give no answer, and the reason.
 _OPEN = {
     "withheld": "No threshold",
     "unchecked": "Above the threshold, but too few nominal sessions tell how the machine scatters",
@@ -188,7 +188,7 @@ def _tell_rest(rows: pd.DataFrame) -> str:
 
 
 def tell_scatter(found: Detections) -> list[str]:
-    """How the machine scatters next to the simulator, in words."""
+    """Scatter of the machine compared with the simulator's, in words."""
     table = found.thresholds[found.thresholds["reason"] == ""]
     known = table[np.isfinite(table["widening"].astype(float))]
     wide, cells = known[known["scatter_ratio"] > 1.0], count_text(len(known), "cell")

@@ -40,7 +40,7 @@ _BADGES = {
     "withheld": "unsure",
     "failed": "neutral",
 }
-#: What the chart draws, by the tables' kinds: names and colours.
+#: Names and colours in the chart, by the tables' kinds.
 KINDS = {
     "simulated": ("simulated, no wear", "var(--soft)"),
     "simulated_worn": ("simulated, worn", "var(--c2)"),
@@ -48,7 +48,7 @@ KINDS = {
     "judged": ("recorded, judged", "var(--before)"),
 }
 _CELL = ["motion", "joint", "fda"]
-#: Values that tell nothing: a column of them is left out.
+#: Empty values: a column that has no other values is left out.
 _NOTHING = {"", "nan", "n/a", "None"}
 #: Rows of a table that is shown unfolded.
 _MOST_SHOWN = 40
@@ -152,7 +152,7 @@ def chart_axis(drawn: Mapping[str, pd.DataFrame]) -> Chart:
 
 
 def _fold(records: Sequence[Mapping[Any, Any]], caption: str, summary: str, columns: str) -> Markup:
-    """Table of the columns that tell something, folded where it is long."""
+    """Table without columns of empty values, folded where it is long."""
     parts = [one.strip() for one in columns.split(";")]
     told = {one: {str(row[one.partition("|")[0]]) for row in records} for one in parts}
     kept = [one for one, seen in told.items() if not seen <= _NOTHING and (one != "motion" or len(seen) > 1)]

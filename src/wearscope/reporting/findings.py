@@ -84,7 +84,7 @@ def read_findings(table: pd.DataFrame) -> list[Finding]:
 
 
 def estimate_text(one: Estimate, unit: str = "") -> str:
-    """``2.1 (1.8 to 2.5)`` with unit; n/a where unknown; alone where there is no interval."""
+    """``2.1 (1.8 to 2.5)`` with unit; ``2.1`` where there is no interval, n/a where the value is unknown."""
     if np.isnan(one.value):
         return "n/a"
     told = f"{format_number(one.value)}{f' {unit}' if unit else ''}"
@@ -98,7 +98,7 @@ def _listed(estimates: dict[str, Estimate], names: Sequence[str], unit: str = ""
 
 
 def _are_few(estimates: Iterable[Estimate]) -> bool:
-    """Whether some estimate has no interval, as it has so few cells."""
+    """Whether some estimate has too few cells for an interval."""
     return any(np.isfinite(one.value) and np.isnan(one.low) for one in estimates)
 
 

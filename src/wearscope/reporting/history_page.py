@@ -1,4 +1,4 @@
-"""One page over time: every study and verdict of a folder, newest first, and how errors and SNR went."""
+"""One page over time: every study and verdict of a folder, newest first, and the trend of errors and SNR."""
 
 import hashlib
 import json
@@ -27,9 +27,9 @@ from wearscope.storage.checksums import ANSWERS, MADE, SETTINGS, check_answer
 from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
 from wearscope.storage.verdicts import read_verdict
 
-#: Where a folder of results keeps its answers, those of earlier runs too.
+#: File in which a folder of results keeps its answers, also those of earlier runs.
 KEPT = "history.jsonl"
-#: What is followed over time, by kind of page.
+#: Quantities that are followed over time, by kind of page.
 _QUANTITIES = {
     "diagnosis": "error on the test runs after the correction",
     "study": "median signal-to-noise ratio",
@@ -39,7 +39,7 @@ _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "needs attention"}
 
 @dataclass(frozen=True)
 class Answer:
-    """What a page says, or said before it was written again.
+    """Answer of a page, or of an earlier version of it.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def find_answers(folder: Path) -> list[Answer]:
 
 
 def read_answer(folder: Path, page: Path) -> Answer | None:
-    """What a page below a folder says; None where it has no strip."""
+    """Answer of a page below a folder; None where the page has no strip."""
     strip = read_strip(page)
     if strip is None:
         return None
@@ -99,7 +99,7 @@ def read_answer(folder: Path, page: Path) -> Answer | None:
 
 
 def keep_answer(folder: Path, page: Path, settings: str) -> None:
-    """Add what a page says to the folder's `KEPT`, a line an answer that no rerun writes over.
+    """Add a page's answer as a line to the folder's `KEPT`, which reruns do not write over.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def keep_answer(folder: Path, page: Path, settings: str) -> None:
 
 
 def _read_kept(file: Path) -> list[Answer]:
-    """Answers of a file; what is no line of one is left out."""
+    """Answers of a file; lines that are no answer are left out."""
     found: list[Answer] = []
     if not os.path.lexists(file):
         return found
@@ -173,7 +173,7 @@ def render_history(folder: Path, found: list[Answer]) -> str:
 
 
 def trend_table(found: list[Answer]) -> pd.DataFrame:
-    """What can be followed over time: errors of diagnoses by joint, median SNR of studies by detector.
+    """Quantities over time: errors of diagnoses by joint, median SNR of studies by detector.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def trend_table(found: list[Answer]) -> pd.DataFrame:
 
 
 def _read_values(place: Path, kind: str) -> dict[str, float]:
-    """What can be followed over time of the results in a folder."""
+    """Quantities of the results in a folder that are followed over time."""
     try:
         if kind == "diagnosis":
             joints = read_verdict(place / "verdict.json")["joints"]

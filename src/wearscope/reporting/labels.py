@@ -12,18 +12,18 @@ from wearscope.storage.files import load_json
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
 
-#: What a verdict calls structure outside the vocabulary of effects.
+#: Name in a verdict for structure outside the vocabulary of effects.
 UNKNOWN = "unknown"
 CELL = ("robot", "cycle", "axis", "fda")
 MODEL_NAMES = {"main": "main effects", "simplified": "simplified", "full": "full quadratic"}
-#: Columns of tables as people read them.
+#: Readable names of the tables' columns.
 COLUMNS = {
     "fda": "detector", "cycle": "test-cycle", "n": "cells", "n_nan": "cells n/a", "median": "median SNR",
     "median_low": "95 % from", "median_high": "to", "tied_with": "not told apart from",
     "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
     "first_reason": "first reason",
 }  # fmt: skip
-#: Parameters whose code alone would say too little, as people call them.
+#: Readable names of parameters whose code alone would say too little.
 PARAMETERS = {
     "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
     "eta7": "low-speed friction of wear", "eta8": "its speed",
@@ -32,7 +32,7 @@ PARAMETERS = {
     "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
     "cosine2": "amplitude of the cosine of twice the position",
 }  # fmt: skip
-#: Effects that a session names otherwise than a data set does, up to their joint.
+#: Beginning of the name of a change, up to the joint, where it differs from the effect's own name.
 _CHANGES = {"payload_error": "weight on the link of"}
 _UNITS = {"degC": "°C", "1": "", "-": ""}
 
@@ -48,8 +48,9 @@ def words(value: object) -> str:
 
 
 def effect_name(code: str) -> str:
-    """An effect as people call it: ``Stribeck friction``; an own one by its code as text."""
-    from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
+    """Readable name of an effect: ``Stribeck friction``; of an own effect, its code as text."""
+    # Imported here: it brings compiled code, and a study without a loop does not need it.
+    from wearscope.effects.vocabulary import list_effects
 
     return next((one.title for one in list_effects() if one.name == code and one.title), words(code))
 
@@ -60,12 +61,12 @@ def change_name(code: str, joint: str) -> str:
 
 
 def parameter_name(code: str) -> str:
-    """A parameter of an effect as people call it."""
+    """Readable name of an effect's parameter."""
     return PARAMETERS.get(code, words(code))
 
 
 def parameter_units(code: str, torque: str) -> dict[str, str]:
-    """Units of an effect's parameters at a joint with a unit of torque; empty for one that is not known."""
+    """Units of an effect's parameters at a joint with a unit of torque; empty for an unknown effect."""
     from wearscope.effects.vocabulary import list_effects
 
     known = next((one.parameters for one in list_effects() if one.name == code), ())
@@ -92,7 +93,7 @@ def read_detector_names(settings: Path) -> dict[str, str]:
 
 
 def factor_name(factor: "Factor") -> str:
-    """What a factor is called where its unit or code would say too little: ``wear``, ``temperature``."""
+    """Readable name of a factor whose unit or code says too little: ``wear``, ``temperature``."""
     return "wear" if factor.role == "fault" and factor.kind in ("", "wear") else factor.description
 
 
@@ -181,7 +182,7 @@ def join_words(words: Sequence[str], last: str = "and") -> str:
 
 
 def join_some(words: Sequence[str], most: int = 3) -> str:
-    """As `join_words`; of more than `most` the first ones, and how many there are more."""
+    """As `join_words`; of more than `most` words the first, and the number of the others."""
     return join_words([*words[:most], *([f"{len(words) - most} more"] if len(words) > most else [])])
 
 

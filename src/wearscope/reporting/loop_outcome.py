@@ -62,7 +62,7 @@ _LEFT = {
     "unexplained": ("unsure", "structure left"),
     "not_judged": ("unsure", "not judged"),
 }
-#: False alarms an hour from which a bound says nothing.
+#: Bound on the false alarms an hour from which on it is useless.
 _MOST_ALARMS = 60.0
 #: Of a card's picture: width, height, points.
 _WIDTH, _HEIGHT, _POINTS = 320, 76, 200
@@ -85,7 +85,7 @@ def loop_strip(loop: ClosedLoop) -> Strip:
 
 
 def _advise(loop: ClosedLoop) -> Markup:
-    """What to do next: to record what separates names, else to use the model that is the better one."""
+    """What to do next: record the motion that separates names, else use the better model."""
     entries = loop.verdict["verdict"]
     kept = any(map(is_in_model, entries))
     if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
@@ -122,7 +122,7 @@ def _advise(loop: ClosedLoop) -> Markup:
 
 
 def doubt_simulation(forward: pd.DataFrame | None) -> str:
-    """What speaks against the corrected model in a simulator, and what to use it for; empty where nothing.
+    """Doubts about the corrected model in a simulator, and its remaining use; empty without any.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def render_outcome(loop: ClosedLoop) -> Markup:
 
 
 def render_parameters(loop: ClosedLoop) -> Markup:
-    """All that was fitted, joint by joint, then the bodies; nothing where there is none of it."""
+    """All fitted parameters, joint by joint, then those of the bodies; empty without any."""
     added = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
     rows = [row | {"before": "not in it"} for row in added] + _list_fitted(loop)
     rows.sort(key=lambda row: loop.joints.index(row["joint"]) if row["joint"] in loop.joints else -1)
@@ -248,7 +248,7 @@ def _list_links(loop: ClosedLoop) -> list[dict[str, Any]]:
 
 
 def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
-    """Card of a joint: what was named there, what became of the error, what is left, small curves."""
+    """Card of a joint: named effects, error before and after, remaining structure, small curves."""
     one = loop.verdict["joints"][joint]
     kind, word = ("good", "small structure left") if is_small(one) else _LEFT[one["state"]]
     change = told = one["error"] or "n/a"
@@ -273,7 +273,7 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
 
 
 def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Each effect: its name, what the test runs say, its first fitted parameter."""
+    """Each effect: its name, the result of the test runs, its first fitted parameter."""
     told = []
     for entry in entries:
         rivals = join_words([*map(effect_name, entry["equivalent"])], "or")
@@ -307,7 +307,7 @@ def _colour(card: Mapping[str, Any]) -> str:
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Rows of the table: fitted parameters, a spline's heights as one; fixed ones with the name."""
+    """Rows of fitted parameters, one for all heights of a spline; fixed parameters stand with the name."""
     rows = []
     for name, one in entry["parameters"].items():
         ends = " to ".join(format_number(number(end)) for end in one["ci95"])
@@ -355,7 +355,7 @@ def draw_curves(loop: ClosedLoop, joint: str) -> Markup:
 
 
 def render_measurement(loop: ClosedLoop) -> Markup:
-    """What to record next: advised runs with their files; nothing where every name is alone."""
+    """Advised runs with their files; empty where the runs tell all names apart."""
     told = {"table": "for a controller", "cycle_file": "for the simulator"}
     entries = [
         {
@@ -371,7 +371,7 @@ def render_measurement(loop: ClosedLoop) -> Markup:
 
 
 def _tell_rate(most: float) -> str:
-    """False alarms that a threshold allows; test runs of minutes say too little of an hour."""
+    """False alarms that a threshold allows; unknown where the test runs are too short to tell."""
     return (
         f"at most {format_number(most)} an hour" if most <= _MOST_ALARMS else "not known: record longer runs"
     )

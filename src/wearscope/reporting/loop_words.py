@@ -11,28 +11,29 @@ from wearscope.reporting.page import format_number
 
 Verdict = Mapping[str, Any]
 
-#: Probability from which on an advised measurement is a promise.
+#: Probability of success from which on an advised measurement is worded as a promise.
 PROMISED = 0.9
 #: Share of the torque [%] up to which structure below the noise of a run is small.
 SMALL = 1.0
-#: Change of an error, as a share of it, below which no sentence speaks of it.
+#: Relative change of an error below which no sentence mentions it.
 SLIGHT = 0.005
-#: Share of the torque [%] from which even noise is told of at the top of the page.
+#: Noise is told at the top of the page from this share of the torque on [%].
 LARGE = 10.0
 
 
-#: Colour of what the test runs say of an effect.
+#: Colour of an effect's status after the test runs.
 STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
-#: Most names in a headline.
+#: Largest number of names in a headline.
 _MOST_NAMES = 3
-#: How notes begin on a load that the refitted masses act as, and on loads by run.
+#: Beginnings of the notes on a load that the refitted masses imitate, and on loads that differ by run.
 LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")
 
 
 def list_shared() -> set[str]:
     """Effects that the robot has once and every joint feels."""
-    from wearscope.effects.vocabulary import list_effects  # compiles; a study without a loop needs none
+    # Imported here: it brings compiled code, and a study without a loop does not need it.
+    from wearscope.effects.vocabulary import list_effects
 
     return {effect.name for effect in list_effects() if effect.per_robot}
 
@@ -54,14 +55,14 @@ def list_unexplained(verdict: Verdict, small: bool) -> list[str]:
 
 
 def tell_unexplained(verdict: Verdict, small: bool) -> str:
-    """Where structure without a name is left, its size first; empty where there is none of this size."""
+    """Sentence part on the joints with unexplained structure, size first; empty without such joints."""
     joints = list_unexplained(verdict, small)
     if not joints:
         return ""
     who = join_words(joints) if len(joints) < 4 else f"{len(joints)} of {len(verdict['joints'])} joints"
     shares = [number(verdict["joints"][joint].get("left_percent")) for joint in joints]
     most = "at most " if len(joints) > 1 else ""
-    size = f"{most}{max(shares):.2g} % of the torque" if np.isfinite(shares).all() else ""
+    size = f"{most}{format_number(max(shares), 2)} % of the torque" if np.isfinite(shares).all() else ""
     if not size:
         return f"{who} {'keeps' if len(joints) == 1 else 'keep'} something unexplained"
     tail = "and its structure lies below the noise of a run" if small else "part of it unexplained"
@@ -69,7 +70,7 @@ def tell_unexplained(verdict: Verdict, small: bool) -> str:
 
 
 def tell_noise(verdict: Verdict) -> str:
-    """Where what is left shows no structure and is yet much of the torque; empty where nowhere."""
+    """Joints whose remaining error is plain noise but a large share of the torque; empty without any."""
     shares = {
         joint: number(one.get("left_percent"))
         for joint, one in verdict["joints"].items()
@@ -78,7 +79,7 @@ def tell_noise(verdict: Verdict) -> str:
     if not shares:
         return ""
     most = "at most " if len(shares) > 1 else ""
-    return f"{most}{max(shares.values()):.2g} % of the torque is left at {join_words(list(shares))}, as noise"
+    return f"{most}{format_number(max(shares.values()), 2)} % of the torque is left at {join_words(list(shares))}, as noise"
 
 
 def name_with_rivals(entry: Verdict) -> str:
@@ -146,7 +147,7 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
 
 
 def _tell_group(verdict: Verdict, told: str, entries: Sequence[Verdict]) -> str:
-    """A name with its joints; and with its rivals, where it has the same ones at each."""
+    """Name of an effect with its joints, and with its rivals where these are the same at each joint."""
     if list_shared().intersection(name for one in entries for name in (one["effect"], *one["equivalent"])):
         return told
     rivals = {tuple(map(effect_name, one["equivalent"])) for one in entries}
@@ -158,7 +159,7 @@ def _tell_group(verdict: Verdict, told: str, entries: Sequence[Verdict]) -> str:
 
 
 def tell_rivals(verdict: Verdict) -> str:
-    """Which names these runs do not tell apart, and where; empty where each name is alone."""
+    """Names that these runs do not tell apart, and their joints; empty without any."""
     found: dict[tuple[str, ...], list[Verdict]] = {}
     for one in verdict["verdict"]:
         if one["equivalent"]:
@@ -172,13 +173,13 @@ def tell_rivals(verdict: Verdict) -> str:
 
 
 def tell_load(verdict: Verdict) -> str:
-    """A load by run, or in the place of refitted masses, as a sentence and a space; empty where none is."""
+    """Sentence on loads by run or in the place of refitted masses, with a space; empty without any."""
     known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
     return f"{known[0]}. " if known else ""
 
 
 def doubt_masses(verdict: Verdict) -> str:
-    """What the refitted masses say against the URDF or the torques' size; empty where nothing."""
+    """Doubts about the URDF or the torques' size by the refitted masses; empty without any."""
     shared = [one for one in verdict["verdict"] if one["effect"] in list_shared()]
     if any(one["status"] == "confirmed" and is_in_model(one) for one in shared):
         return ""  # the body's error has a name
@@ -205,7 +206,7 @@ def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
 
 
 def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
-    """Error after over before, joint, before, after, unit; of the joints that move on the test runs."""
+    """Ratio of the errors, joint, error before, error after, unit, for joints that move on the test runs."""
     found = []
     for joint, one in verdict["joints"].items():
         before, after = number(one.get("rms_before")), number(one.get("rms_after"))
@@ -237,7 +238,7 @@ def is_in_model(entry: Verdict) -> bool:
 
 
 def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
-    """Where the error on the test runs falls most with those effects that are kept."""
+    """Joint where the error on the test runs falls most with the effects that are kept."""
     found = _changes(verdict)
     if not found:
         return "No joint moves on the test runs, so the correction is not judged"
@@ -313,10 +314,10 @@ def tell_sizes(one: Verdict) -> str:
 
 
 def tell_left(one: Verdict) -> str:
-    """Of structure that is left, its size and how it was seen; else what was not judged or is uncertain."""
+    """Size and evidence of unexplained structure; without any, what was not judged or is uncertain."""
     if one["state"] == "unexplained":
         if not one["depends_on"] and one["reason"].startswith("the test runs' error"):
-            return upper_first(one["reason"])  # its size is that of the error itself
+            return upper_first(one["reason"])  # there, its size is the error itself
         noise = ", below the noise of a run" if is_small(one) else ""
         size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS of it{noise}"
         if one["depends_on"]:
@@ -326,7 +327,7 @@ def tell_left(one: Verdict) -> str:
 
 
 def tell_why(one: Verdict) -> str:
-    """How structure that is left was seen; a reason that names signals repeats them by their codes."""
+    """Evidence of unexplained structure; where the reason has codes of signals, their names instead."""
     if one["reason"].startswith("training runs contradict"):
         return str(one["reason"])  # which is why it seems to depend on a signal
     if on := join_words([*map(name_signal, one["depends_on"])]):
@@ -335,9 +336,9 @@ def tell_why(one: Verdict) -> str:
 
 
 def size_left(one: Verdict) -> str:
-    """What is left at a joint as a share of its torque; empty where that is not known."""
+    """Unexplained part of a joint's torque in per cent; empty where it is not known."""
     share = number(one.get("left_percent"))
-    return f"{share:.2g} % of the torque" if np.isfinite(share) else ""
+    return f"{format_number(share, 2)} % of the torque" if np.isfinite(share) else ""
 
 
 def tell_measurement(entry: Verdict) -> str:

@@ -1,6 +1,6 @@
 """The report of a study of many robots: what it concludes, and each robot and test-cycle, worst first.
 
-Details are on the pages of the partitions, to which it links: so it holds a row, not a chart, for each.
+It has a row for each robot and test-cycle; details are on the pages of the partitions, which it links.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ from wearscope.reporting.page import (
 from wearscope.reporting.study import Study
 from wearscope.reporting.study_background import render_provenance
 
-#: Terms that are shown unfolded.
+#: Largest number of terms that are shown unfolded.
 _MOST = 15
 
 
@@ -94,7 +94,7 @@ def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
 
 
 def _caveat(overview: pd.DataFrame) -> str:
-    """Where nothing is found, or that all is simulated."""
+    """Robots and test-cycles where no wear is found; else that everything is simulated."""
     lost = overview[overview["wear"].isna()]
     if lost.empty:
         return SIMULATED

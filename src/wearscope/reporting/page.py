@@ -22,7 +22,7 @@ from wearscope.storage.files import load_json
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
-#: Column of the joint, and the filter that it follows.
+#: Column with the joint, and the filter of the same name.
 JOINT = {"joint": "joint"}
 
 
@@ -160,7 +160,7 @@ def render_page(
 
 
 def describe_study(config: Mapping[str, Any], robots: int) -> str:
-    """Subtitle of a study's page: how many of each it has."""
+    """Subtitle of a study's page: numbers of robots, test-cycles, axes and detectors."""
     counts = {"detector": len(config["detectors"]), "robot": robots, "test-cycle": len(config["cycles"])}
     counts |= {"axis": len(config["axes"]), "factor": len(config["factors"])}
     return ", ".join(count_text(n, what, "axes" * (what == "axis")) for what, n in counts.items())
@@ -204,7 +204,7 @@ def badge(text: str, kind: str = "neutral") -> Markup:
 
 
 def format_number(value: Any, digits: int = 3) -> str:
-    """Number to some significant digits; what is missing is said so, never shown as zero.
+    """Number to some significant digits; a missing number is shown as n/a, never as zero.
 
     >>> format_number(12345.6), format_number(0.00123456), format_number(float("nan"))
     ('12,346', '0.00123', 'n/a')

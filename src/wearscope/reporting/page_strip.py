@@ -1,4 +1,4 @@
-"""What stands on top of every page, and how it is read from a page that was written."""
+"""The strip on top of every page, written and read back."""
 
 import re
 from dataclasses import dataclass, fields
@@ -10,7 +10,7 @@ from wearscope.storage.files import load_json
 
 
 def unbreak(text: str) -> str:
-    """Text whose numbers stay on the line of their unit, and signs on that of their number."""
+    """Text in which no line breaks between a number and its unit or its sign."""
     pattern = r"(?<=[\d>]) (?=%|°C|N m\b)|(?<=\bN) (?=m\b)|(?<=[≥≤=σΔ]) (?=[\d≥≤=])"
     return type(text)(re.sub(pattern, "\N{NO-BREAK SPACE}", text))
 
@@ -21,7 +21,7 @@ HEADINGS = ("How sure", "Mind", "Next")
 
 @dataclass(frozen=True)
 class Strip:
-    """What stands on top of every page, to be read in ten seconds.
+    """Top of every page, to be read in ten seconds.
 
     The answer is one or two sentences without a code, an equation's number or a hash, and its kind good,
     unsure or bad. Then how sure that is, the caveat that matters most, and what to do next (text or
@@ -35,19 +35,19 @@ class Strip:
     action: str
 
     def rows(self) -> list[tuple[str, str]]:
-        """What follows the answer, with its heading."""
+        """Texts that follow the answer, each with its heading."""
         told = zip(HEADINGS, (self.sure, self.caveat, self.action), strict=True)
         return [(name, unbreak(text)) for name, text in told if text]
 
     def plain(self) -> dict[str, str]:
-        """Its texts without markup, by field."""
+        """Texts of the strip without markup, by field."""
         return {
             one.name: text.striptags() if isinstance(text := getattr(self, one.name), Markup) else text
             for one in fields(self)
         }
 
 
-#: Beginning of a page in which its strip lies, in characters.
+#: The strip lies within this many characters from the beginning of a page.
 _TOP = 60_000
 _DATA = re.compile(r'<script type="application/json" id="strip">(.*?)</script>', re.DOTALL)
 

@@ -1,4 +1,4 @@
-"""The page of a reevaluation: what the correction changes, and whether it is truer."""
+"""The page of a reevaluation: what the correction changes, and whether it is nearer to the truth."""
 
 import pandas as pd
 from markupsafe import Markup
@@ -103,7 +103,7 @@ def _group_assumed(one: Reevaluation) -> dict[str, list[str]]:
 
 
 def _values(row: object, sides: list[str], name: str = "{}") -> dict[str, str]:
-    """Columns of what a row has on each side, with its interval."""
+    """Columns with a row's value and interval on each side."""
     return {
         name.format(side): interval_text(*(getattr(row, f"{side}{end}") for end in ("", "_low", "_high")))
         for side in sides
@@ -190,7 +190,7 @@ def tell_withheld(one: Reevaluation) -> list[str]:
 
 
 def count_truth(one: Reevaluation) -> str:
-    """For how many detectors and axes after is nearer to the truth, or that nobody can say."""
+    """Number of detectors and axes for which the side after is nearer to the truth, if the truth is known."""
     if not one.has_truth:
         return "Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."
     verdicts = [judge_detector(rows)[1] for _, rows in one.told.groupby(["axis", "fda"], sort=True)]
@@ -215,7 +215,7 @@ def tell_headline(one: Reevaluation) -> str:
 
 
 def _compare_best(one: Reevaluation) -> tuple[list[str], bool]:
-    """Where none that may be the best before may be it after; whether all others are surely the same."""
+    """Where the best detector surely changes, and whether everywhere else it surely stays the same."""
     before, after = (best_detectors(one, side) for side in ("before", "after"))
     parts, sure = [], True
     for (cycle, axis), names in after.items():

@@ -1,4 +1,4 @@
-"""What is behind a study's answers: trust, the paper, what was simulated and assumed, provenance."""
+"""Background of a study's answers: trust, the paper's findings, simulations, assumptions, provenance."""
 
 from collections.abc import Sequence
 
@@ -72,7 +72,7 @@ def _count_values(column: pd.Series) -> str:
 
 
 def render_findings(findings: Sequence[Finding]) -> Markup:
-    """What the paper found, compared with this study; nothing where the study asked none of it."""
+    """The paper's findings compared with this study's; empty where the study asked none of its questions."""
     asked = [
         {"verdict": badge(one.verdict, VERDICT_KINDS[one.verdict]), "the paper": one.paper}
         | {"this study": one.here}
@@ -92,12 +92,12 @@ def render_simulated(study: Study) -> Markup:
 
 
 def _assumptions(study: Study) -> list[tuple[str, str]]:
-    """Assumptions as pairs of what they are about and a sentence or two."""
+    """Assumptions: pairs of a subject and one or two sentences."""
     own = [name for module in PAPER_MODULES.values() if (name := study.detector_of(module)) is not None]
     told = f"The paper's are confidential; {study.join_detectors(own)} follow its description."
     detectors = [("Detectors", told)] if own else []
     robots = []
-    for robot, texts in study.sources.items():  # what several numbers have as their source is said once
+    for robot, texts in study.sources.items():  # a source that several numbers share is named once
         parts = dict.fromkeys(part.strip() for text in texts for part in text.split(";"))
         robots.append((f"Robot {robot}", "; ".join(filter(None, parts))))
     levels = "; ".join(

@@ -59,7 +59,7 @@ from wearscope.reporting.study_background import (
 )
 
 DEMONSTRATION = "twin"
-#: Sentences of a card; its section has the others.
+#: Largest number of sentences on a card; the section below has the others.
 MOST = 2
 
 
@@ -114,7 +114,7 @@ def _first(study: Study) -> dict[str, str]:
 
 
 def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
-    """What the conclusion leaves open, then the first sentences of each answer."""
+    """Sentences that the conclusion leaves open, then the first sentences of each answer."""
     cards = [
         (title, told[name][:MOST], name, more)
         for title, name, more in (
@@ -168,7 +168,7 @@ def _compare(study: Study, one: Conclusion) -> dict[str, Any]:
 
 
 def _factors(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-1: other sentences, coefficients, responses."""
+    """Section on Q-1: sentences that its card leaves out, coefficients, responses."""
     responses = [chart_response(study, _first(study))] if study.responses is not None else []
     return render_template(
         "study/factors.html",
@@ -179,7 +179,7 @@ def _factors(study: Study, sentences: Sequence[str]) -> Markup:
 
 
 def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-2: other sentences, setting, charts, ranking, and the SNR by source where there are several."""
+    """Section on Q-2: sentences that its card leaves out, setting, charts, ranking, SNR by source."""
     setting, fault = study.config["snr"], study.factor("f")
     ends = (setting["f0"], setting["f0"] + setting["delta"])
     low, high = (float(fault.to_natural(one)) for one in ends)
@@ -226,7 +226,7 @@ def _sources(study: Study) -> Markup:
 
 
 def _scope(study: Study, sentences: Sequence[str]) -> Markup:
-    """Q-3: other sentences, scope, ROC, thresholds."""
+    """Section on Q-3: sentences that its card leaves out, scope, ROC, thresholds."""
     charts = [chart_scope(study, _first(study))]
     if study.detection is not None:
         charts.append(chart_roc(study, detection_cases(study)[1]))
@@ -259,7 +259,7 @@ def _thresholds(study: Study, table: pd.DataFrame) -> Markup:
 
 
 def _loops(study: Study) -> Markup:
-    """The conclusion of each closed loop of the study; its page has the rest."""
+    """Conclusion of each closed loop of the study; details are on the loop's own page."""
     loops = []
     for name, verdict in study.loops.items():
         known = study.planted if name == DEMONSTRATION else None
@@ -272,7 +272,7 @@ def _loops(study: Study) -> Markup:
 
 
 def _correction(study: Study) -> Markup:
-    """What the correction of a model changes in the study's answers; the page of its own has the rest."""
+    """Changes in the study's answers by a corrected model; details are on the correction's own page."""
     one = study.reevaluation
     if one is None:
         return Markup("")

@@ -44,11 +44,12 @@ _STATES = {"healthy, held out": "square", "no change named": "circle", "change n
 _STATES |= {_OPEN: "triangle-up"}
 _TINTS = ("var(--soft)", "var(--after)", "var(--before)", "var(--c5)")
 _SHARE = "friction"
-#: Changes that maintenance is for; what `smallest_visible` holds, with its unit and scale.
+#: Effects that count as wear, for maintenance.
 _WEARS = {effect.name for effect in list_effects() if effect.is_friction and not effect.is_thermal}
 _MOST_TOLD = 3
-#: Most panels of what changed.
+#: Largest number of panels of changed quantities.
 _MOST_PANELS = 6
+#: Numbers of `smallest_visible`, with unit and scale.
 _SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 
 
@@ -78,7 +79,7 @@ class Tracking:
         return list(dict.fromkeys(session for session, _ in self.entries() if session != last))
 
     def open_changes(self, place: int = -1) -> dict[str, str]:
-        """By joint whose friction changed in a session, by wear or by temperature: the sentence on it."""
+        """For each joint whose friction changed in a session, by wear or by temperature, a sentence."""
         return {
             joint: text
             for joint in self.joints
@@ -87,7 +88,7 @@ class Tracking:
         }
 
     def open_since(self, joint: str) -> str:
-        """The first of the last sessions without a break in which a joint's friction changed that way."""
+        """First session since which a joint's friction has changed that way without a break."""
         sessions = self.outcome["sessions"]
         place = len(sessions) - 1
         while place > 0 and joint in self.open_changes(place - 1):
@@ -209,7 +210,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
 
 
 def list_first(changes: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The first parameter of each change: of a body its mass."""
+    """The first parameter of each change; for a body that is its mass."""
     return list({(one["joint"], one["effect"]): one for one in reversed(changes)}.values())[::-1]
 
 
@@ -220,7 +221,7 @@ def _size(entry: Mapping[str, Any]) -> str:
 
 
 def _tell_size(tracking: Tracking, entry: Mapping[str, Any]) -> str:
-    """Size of a change in the last session for the headline; of wear what it adds to friction."""
+    """Size of a change in the last session for the headline; for wear, the friction that it adds."""
     last = tracking.outcome["sessions"][-1]["session"]
     worn = [one for one in tracking.outcome["wear"] if one["session"] == last]
     levels = [
@@ -238,7 +239,7 @@ def tell_left(trend: Mapping[str, Any]) -> str:
 
 
 def name_limit(outcome: Mapping[str, Any]) -> str:
-    """The rise of friction until which sessions are told, and whether nobody stated it."""
+    """Limit of the rise of friction for the forecast, and whether it is the default."""
     assumed = " (an assumed limit)" if outcome.get("friction_limit_assumed") else ""
     return f"+{100 * outcome.get('friction_limit', np.nan):.3g} % friction{assumed}"
 
@@ -323,7 +324,7 @@ def _sessions(found: list[dict[str, Any]]) -> Markup:
 
 
 def _tell_open(texts: list[str]) -> str:
-    """What stands where no change is named: none, or that friction changed by what is not told apart."""
+    """Text where no change is named: no change, or friction that changed by wear or temperature."""
     known = [text.partition(" changed by ")[0] for text in texts if text.startswith(_OPEN_FRICTION)]
     joints = join_words([one.removeprefix(_OPEN_FRICTION) for one in known])
     return f"changed, cause open: friction of {joints}" if joints else "none"

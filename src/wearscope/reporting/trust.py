@@ -19,7 +19,7 @@ POOR_FIT = 50.0
 
 
 def tell_trust(study: Study) -> list[str]:
-    """All that says how far the answers can be trusted, what matters most first."""
+    """Sentences on how far the answers can be trusted, the most important first."""
     asked = [*audit_outcome(study), *direct_outcome(study)]
     lost = [*failed_simulations(study), *ask_moved(study)]
     return [surrogate_quality(study), *asked, *lost]
@@ -50,7 +50,7 @@ def doubts(study: Study) -> list[str]:
 
 
 def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
-    """The surrogate that the scope asks, the runs that it was held against, and its fits by cell."""
+    """The surrogate behind the scope, the runs that check it, and its fits by cell."""
     model = study.config["scope"]["model"]
     runs = "checking" if model == CHOSEN else "validation"
     if model == CHOSEN and study.chosen is not None:
@@ -59,7 +59,7 @@ def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
 
 
 def audit_outcome(study: Study) -> list[str]:
-    """What direct simulation said about the surrogates, or that it was not asked."""
+    """Result of checking the surrogates by direct simulation, or that nobody asked for it."""
     if study.audit is None or study.audit.empty:
         return ["Not audited: the study has no direct simulation to hold the surrogates against."]
     audit = study.audit
@@ -95,7 +95,7 @@ def _share(flags: pd.Series, noun: str = "") -> str:
 
 
 def tell_snr(row: Any, kind: str) -> str:
-    """An SNR of a row with its interval, by what its columns are called."""
+    """A row's SNR with its interval, from the columns of a kind."""
     return interval_text(*(getattr(row, name) for name in (f"snr_{kind}", f"{kind}_low", f"{kind}_high")))
 
 
@@ -119,7 +119,7 @@ def tell_cell(row: Mapping[str, Any]) -> str:
 
 
 def tell_mismatch(study: Study) -> str:
-    """What the robot of the mismatch has that its model does not state."""
+    """Differences between the robot of the mismatch and its model."""
     told = []
     for path, value in study.config["direct"]["mismatch"].items():
         parts = path.removesuffix(" %").split(".")
@@ -167,7 +167,7 @@ def tell_assumed(study: Study, detector: str) -> str:
 
 
 def tell_moved(study: Study, detector: str) -> str:
-    """How far a detector's SNR moves where the robot differs from what was assumed, or how to ask that."""
+    """Change of a detector's SNR where the robot differs from the assumptions, or how to ask for it."""
     table = study.mismatch
     rows = table[table["fda"] == detector] if table is not None else None
     if rows is None or rows.empty:
@@ -191,7 +191,7 @@ def ask_moved(study: Study) -> list[Markup]:
 
 
 def contradicted(study: Study, detector: str) -> str:
-    """That direct simulation gives a detector another SNR, which is the answer then; else empty."""
+    """Sentence where direct simulation gives a detector another SNR, which then counts; else empty."""
     if study.direct is None or study.direct.empty:
         return ""
     table = study.direct[(study.direct["fda"] == detector) & (study.direct["agrees"] == 0)]
@@ -205,7 +205,7 @@ def contradicted(study: Study, detector: str) -> str:
 
 
 def failed_simulations(study: Study) -> list[str]:
-    """How many points were simulated in vain, where and why; [] where none was."""
+    """Number of points whose simulation failed, where and why; [] without any."""
     failed = study.failed_simulations
     if failed.empty:
         return []

@@ -10,11 +10,12 @@ from wearscope.errors import InputError
 from wearscope.robots.friction import friction_torque
 from wearscope.robots.model import RobotModel
 
-#: Signal that shows a dependence, by the name that the configuration has for it.
+#: Signal of each dependence, by the name that the configuration has for the dependence.
 SIGNALS = {"wear": "wear_{joint}", "temperature": "temp_{joint}"}
 #: Parameter of an effect that is zero at a temperature.
 REFERENCE = "reference"
-#: Friction is compared at these shares of the largest speed that both joints reach: there no bump is left.
+#: Friction is compared at these shares of the largest speed that both joints reach, where the low-speed bump
+#: has died away.
 _SHARES = np.linspace(0.5, 1.0, 21)
 
 
@@ -86,10 +87,7 @@ def carry_over(
                     "assumed": True,
                 }
             )
-    if not added:
-        return model
-    own = [entry.model_dump(mode="json", exclude_unset=True) for entry in model.effects]
-    return model.replace(effects=[*own, *added])
+    return model.add_effects(added) if added else model
 
 
 def scale_parameters(

@@ -100,7 +100,8 @@ _COULOMB = 3.11e-2
 _STRIBECK = (-2.50e-2, 1.60e-3)
 _STRIBECK_SPEED = (-24.81, 0.98)
 _VISCOUS = (1.30e-4, 1.32e-3, 20.71)
-#: Temperatures that the viscous line is fitted over, and the one at which it has the stated slope [deg C].
+#: Range of temperatures over which the viscous line is fitted, and the temperature of the stated slope [deg
+#: C].
 _FITTED, _STATED = (30.0, 70.0), 40.0
 #: Wear of one unit of f: low-speed torque over the largest torque, motor speed [rad/s], normalised slope.
 _WEAR, _WEAR_SPEED, _WEAR_SLOPE = 1e-3, 0.4, 5e-6
@@ -164,7 +165,7 @@ def friction_from_efficiency(
     """Coulomb torque and viscous slope of a gear of stated efficiency at its rated torque and speed.
 
     What the motor supplies beyond the rated torque is ``rated_torque (1 / efficiency - 1)``; half of it is
-    taken to be Coulomb and half viscous friction, as none of the two is stated.
+    taken to be Coulomb and half viscous friction, as neither is stated.
 
     Parameters
     ----------

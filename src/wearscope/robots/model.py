@@ -191,6 +191,11 @@ class RobotModel(Section):
         text = self._urdf_text if urdf_text is None else urdf_text
         return make_model({**self.to_mapping(), **changes}, text, self.name)
 
+    def add_effects(self, entries: Sequence[Mapping[str, Any]]) -> "RobotModel":
+        """Return a checked copy with further effects, as the file has them."""
+        own = [entry.model_dump(mode="json", exclude_unset=True) for entry in self.effects]
+        return self.replace(effects=[*own, *entries])
+
 
 # Detectors ask for bodies at each recording: the URDF is parsed once a robot.
 @lru_cache(maxsize=16)

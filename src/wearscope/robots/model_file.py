@@ -124,7 +124,7 @@ def locate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The reverse: files of effects by their path from `folder`, so that both can be moved together."""
+    """Reverse of `locate_effects`: effect files relative to `folder`, so that both can be moved together."""
     entries = [
         {**entry, "effect": os.path.relpath(entry["effect"], folder)}
         if entry["effect"].endswith(".py")
@@ -135,7 +135,7 @@ def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _is_among(effect: str, allowed: Collection[str], where: str) -> bool:
-    """Whether an effect's file is allowed as the model names it, or by another path to the same file."""
+    """Whether an effect's file is among the allowed files, by the model's path or another path to it."""
     file = (Path(where).parent / effect).resolve()
     return effect in allowed or file in {Path(path).resolve() for path in allowed}
 

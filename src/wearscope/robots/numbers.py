@@ -24,13 +24,14 @@ SECTIONS: dict[str, type[Section]] = {
 }
 #: Lists by joint that are zeros where a model states none.
 ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
-#: Lists by joint of where a test-cycle goes: its first and last posture, and the range that it uses.
+#: Lists by joint that say where a test-cycle goes: its first and last posture, and the range that it uses.
 RANGE = ("home", "lower", "upper")
-#: What a reference motion is planned by.
+#: Numbers that the planning of a reference motion uses.
 MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit", *RANGE)
-#: What the machine itself goes by; all else differs from what its controller and its detectors believe.
+#: Numbers that the controller knows. Any other number changes the machine but not what its controller and its
+#: detectors believe.
 KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
-#: The recorder's rate, at which nothing else of the machine runs.
+#: The recorder's rate; nothing else of the machine runs at it.
 SAMPLE_RATE = "sensors.sample_rate"
 #: Fields of a link that have a path; a changed mass keeps the shape and the distribution of the mass.
 LINK = ("mass", "com", "inertia")
@@ -57,12 +58,12 @@ class Number:
 
     @property
     def sets_motion(self) -> bool:
-        """Whether reference motions are planned by it."""
+        """Whether the planning of reference motions uses the number."""
         return self._is_in(MOTION_LIMITS)
 
     @property
     def is_known(self) -> bool:
-        """Whether the controller goes by it."""
+        """Whether the controller knows the number."""
         return self._is_in(KNOWN)
 
     def _is_in(self, paths: Sequence[str]) -> bool:
@@ -200,7 +201,7 @@ def _set_links(
 
 
 def _change_inertia(old: Inertia, field: str, place: Sequence[str], number: Number, level: float) -> Inertia:
-    """Inertia with another mass, and with it the moments; another centre of mass; or other moments."""
+    """Inertia with another mass (the moments scale with it), another centre of mass, or other moments."""
     if field == "mass":
         if place:
             raise InputError("links.<joint>.mass is one number; end the path there")

@@ -17,7 +17,7 @@ CONSTANTS = {
 
 
 def refuse_bool(value: Any) -> Any:
-    """A value that is no truth value, which YAML's 1 and 0 would else be taken for."""
+    """Refuse a truth value, which would else count as the number 1 or 0."""
     if isinstance(value, bool):
         raise ValueError("should be a number")
     return value

@@ -100,15 +100,16 @@ def pseudo_inertia(parameters: ArrayLike) -> Array:
     return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
 
 
-#: Share of a turn by which a jump may differ from it, and from which a step of such a position is a jump.
+#: A jump is a step that differs from a full turn by less than the first share of a turn. Where the position
+#: stays within a turn, it is any step larger than the second share.
 _NEAR, _HALF = 0.05, 0.5
 
 
 def unwrap_turns(x: Array, turn: float = 2.0 * np.pi) -> tuple[Array, int]:
     """Position (N,) without its jumps of a full turn, and how many there were.
 
-    Where it stays within a turn, larger steps of the same kind are jumps as well: as between samples that
-    lie far apart.
+    Where the position stays within a turn, every step of more than half a turn is a jump too, as between
+    samples that lie far apart.
     """
     step = np.diff(x)
     if not (np.abs(step) > _HALF * turn).any():

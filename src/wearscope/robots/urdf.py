@@ -24,7 +24,7 @@ from wearscope.robots.spatial import (
 )
 from wearscope.robots.urdf_file import MOVABLE, Joint, Link, Pose, Tree, parse_urdf, read_urdf, write_urdf
 
-# What a massless movable link gets where leniency is asked for: too little to be seen, enough to divide by.
+# Mass and moment of a massless movable link where `strict` is off: too small to matter, enough to divide by.
 TINY_MASS, TINY_MOMENT = 1e-4, 1e-6
 # A principal moment may exceed the sum of the other two by this share (rounded figures): corrected silently.
 TRIANGLE_TOLERANCE = 1e-3
@@ -110,7 +110,7 @@ def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tupl
 def _place_bodies(
     tree: Tree, joints: Sequence[str], locked: Mapping[str, float]
 ) -> tuple[dict[str, list[tuple[str, Array, Array]]], list[Joint]]:
-    """Links by the body that carries them with their pose in its frame, and the joints between bodies."""
+    """Links, each with its pose, by the body that carries them, and the joints between bodies."""
     carrier = {tree.root: (tree.root, np.eye(3), np.zeros(3))}
     bodies: dict[str, list[tuple[str, Array, Array]]] = {tree.root: [(tree.root, np.eye(3), np.zeros(3))]}
     kept: list[Joint] = []
@@ -150,7 +150,7 @@ def normalise_tree(
     strict: bool = True,
     locked: Mapping[str, float] | None = None,
 ) -> tuple[Tree, list[str]]:
-    """Do what `normalise_urdf` does, with joints locked at other angles; the tree and what was corrected."""
+    """As `normalise_urdf`, with joints locked at given angles; returns the tree and what was corrected."""
     tree = parse_urdf(text_or_path)
     source = read_urdf(text_or_path)[1]
     wanted = movable_joints(tree) if joints is None else list(joints)

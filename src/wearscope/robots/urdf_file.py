@@ -16,7 +16,7 @@ from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
 # A limit that a URDF leaves open (continuous joints, no effort or velocity given).
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
-#: What a joint has once.
+#: Elements that a joint has at most once.
 _ONCE = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
 
 
@@ -46,7 +46,10 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as the URDF states it; limits are open where it states none."""
+    """A joint as the URDF states it; limits are open where it states none.
+
+    `friction` [N m or N] and `damping` [N m s/rad or N s/m] are NaN where it states none, or none above 0.
+    """
 
     name: str
     kind: str
@@ -59,6 +62,8 @@ class Joint:
     effort: float = OPEN_LIMIT
     velocity: float = OPEN_LIMIT
     mimics: str | None = None
+    friction: float = math.nan
+    damping: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -147,7 +152,18 @@ def _read_joint(element: ET.Element, source: str) -> Joint:
         effort=effort if effort > 0.0 else OPEN_LIMIT,
         velocity=velocity if velocity > 0.0 else OPEN_LIMIT,
         mimics=None if mimic is None else mimic.get("joint") or "",
+        friction=_read_dynamics(element, "friction"),
+        damping=_read_dynamics(element, "damping"),
     )
+
+
+def _read_dynamics(element: ET.Element, key: str) -> float:
+    """Number of a joint's ``dynamics``; NaN where it is no number above 0."""
+    try:
+        number = float(element.find("dynamics").get(key, "nan"))  # type: ignore[union-attr]
+    except (AttributeError, ValueError):
+        return math.nan
+    return number if 0.0 < number < math.inf else math.nan
 
 
 def read_urdf(text_or_path: str | Path) -> tuple[str, str]:

@@ -9,11 +9,11 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 
-# Numba counts references by atomic additions, also to the rows that an effect is called with; they took half
-# of the time of a step.
+# Numba counts references to arrays by atomic additions, also to the rows that an effect is called with. The
+# counting took half of the time of a step.
 @intrinsic
 def borrow(typingctx, arrays):
-    """Give a (named) tuple of arrays without owners: the calling Python, which outlives it, has them."""
+    """Give a (named) tuple of arrays without reference counts: the calling Python keeps them alive."""
 
     def generate(context, builder, signature, arguments):
         (value,) = arguments
@@ -29,7 +29,7 @@ def borrow(typingctx, arrays):
 
 @intrinsic
 def borrow_rows(typingctx, rows):
-    """Give a typed list without its owner, as `borrow` does arrays."""
+    """Give a typed list without reference counts, as `borrow` gives arrays."""
 
     def generate(context, builder, signature, arguments):
         (value,) = arguments
@@ -40,8 +40,8 @@ def borrow_rows(typingctx, rows):
     return rows(rows) if isinstance(rows, types.ListType) else None, generate
 
 
-#: Options for functions that only compiled code calls. They leave out wrappers for calls from Python, which
-#: would double the time of compilation.
+#: Options for functions that only compiled code calls. The options leave out wrappers for calls from Python,
+#: which would double the time of compilation.
 INNER: dict[str, Any] = {
     "error_model": "numpy",
     "forceinline": True,
@@ -142,7 +142,7 @@ class Work(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What the steps leave.
+    """Results of the steps.
 
     Attributes
     ----------

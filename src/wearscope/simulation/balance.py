@@ -58,16 +58,16 @@ def invert_deflection(gap, compliance, lost_motion, mesh_torque):
 
 
 MAX_ITERATIONS = 80
-#: After these iterations, or where the slopes make the step singular, only the joint that is furthest beyond
-#: break-away is released at a time, and torques that depend on the load have their slopes probed, against all
-#: speeds that move the load.
+#: The search turns careful after this many iterations, or where the slopes make the step singular. Then only
+#: the joint furthest beyond break-away is released at a time, and torques that depend on the load have their
+#: slopes against all speeds probed.
 PATIENCE = 25
-#: A correction is trusted where it leaves this many times less than the tolerance, if the last rate of
-#: convergence still holds; that is looked at after this many steps at the latest.
+#: A correction is trusted without another evaluation where, at the last rate of convergence, it leaves
+#: `SAFETY` times less than the tolerance, and the rate was measured less than `TRUST` steps ago.
 SAFETY, TRUST = 3.0, 50.0
 #: A motor rests where its speed at a part's end is less than this share of its change.
 REST = 1e-4
-#: What `balance_part` returns in addition to the share of the part after which a motor turns.
+#: Special values that `balance_part` returns in place of the share of the part after which a motor turns.
 WHOLE, NO_BALANCE = 1.0, -1.0
 
 
@@ -260,9 +260,10 @@ def _correct(gears, terms, state, work, motion, w, h, ends):
 
 @njit(**INNER)
 def _shorten(gears, state, work, motion):
-    """Share of the Newton step that no gear's torque answers by far more than its slope says.
+    """Share of the Newton step within which each gear's torque changes about as its slope predicts.
 
-    A gear hardens where its lost motion is taken up: a full step from within it overshoots by far.
+    A gear hardens where its lost motion is taken up: a full step from within the lost motion overshoots by
+    far.
     """
     share = 1.0
     for j in range(len(state.mode)):
@@ -288,8 +289,8 @@ def _shorten(gears, state, work, motion):
 def _look_ahead(gears, w, j, dt):
     """Time by which a gear's torque is taken after its instant [s].
 
-    It is none for a gear whose swing the step resolves, and a whole step for one that is too hard for that,
-    where only this is stable; in between it goes with the third power of the step.
+    The time is zero for a gear whose swing the step resolves. For a gear too hard to be resolved it is a
+    whole step, as anything less would be unstable; in between it goes with the third power of the step.
     """
     rigidity = dt * dt / gears.compliance[j] * (gears.armature[j] + w.mass_matrix[j, j])
     return dt * rigidity / (rigidity + gears.armature[j] * w.mass_matrix[j, j])
@@ -297,7 +298,7 @@ def _look_ahead(gears, w, j, dt):
 
 @njit(**INNER)
 def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
-    """First iterate, as the accelerations before go on, and what the controller wants at the balance."""
+    """First iterate, with the accelerations of the part before, and the torques that the controller wants."""
     n = len(state.mode)
     for j in range(n):
         position = state.q[j] + state.gap[j]
@@ -346,8 +347,8 @@ def balance_part(
 ):
     """Iterate until the torques balance.
 
-    As the steps are alike, the last rate of convergence tells whether one correction is enough, without
-    asking for the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
+    Steps are alike, so the last rate of convergence tells whether one correction is enough, without
+    evaluating the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
 
     Parameters
     ----------
@@ -386,7 +387,7 @@ def balance_part(
         if before > 0.0:
             state.pace[0], state.pace[1] = missing / before, 0.0
         if missing <= 1.0:
-            # What a motor at rest needs is known only now.
+            # The torque that holds a motor at rest is known only now.
             if not _release(gears, state, work, motion, careful):
                 return WHOLE if ends else _find_turn(state, work, motion)
             before = 0.0

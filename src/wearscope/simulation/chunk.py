@@ -56,7 +56,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class ChunkOutcome:
-    """What became of a chunk's points.
+    """Outcome of a chunk's points.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ Failures = dict[tuple[str, int], str]
 
 
 def read_markers(markers: Iterable[str | Path]) -> tuple[dict[tuple[str, int], str], Failures]:
-    """What some chunks say of their points, as `workflow/scripts/simulate_points.py` writes it.
+    """What chunks say of their points in the markers that `workflow/scripts/simulate_points.py` writes.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def failure_table(
         `robot`, `cycle`, `set`, `point`, `reason`, one row a failed point in the order of set and point;
         empty where none failed.
     """
-    import pandas as pd  # jobs that simulate need none
+    import pandas as pd  # imported here: simulating jobs need no pandas
 
     wanted = {(name, int(point)) for name in points for point in points[name]}
     rows = [(robot, cycle, *key, failures[key]) for key in sorted(wanted & failures.keys())]

@@ -11,7 +11,7 @@ from wearscope.simulation.sensors import check_rate, find_stride
 from wearscope.simulation.study import Conditions, simulate_points
 
 _NOMINAL_TEMPERATURE = 50.0
-#: How much of a test-cycle `check_start` simulates [s].
+#: Length of the beginning of a test-cycle that `check_start` simulates [s].
 START = 0.1
 
 Ranges = Mapping[str, tuple[str, float, float]]

@@ -16,8 +16,8 @@ from wearscope.robots.model import RobotModel, check_effects
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Gears, Law
 
-#: Effects whose value the drive section of a robot's model may state, in the order of their installation;
-#: imported by name, so that whatever simulates a robot is seen to depend on their files.
+#: Effects whose value the drive section of a robot's model may state, in the order of their installation.
+#: They are imported by name, so that jobs that simulate a robot depend on their files.
 STATED_BY_DRIVE = (ROTOR_INERTIA,)
 
 
@@ -101,8 +101,8 @@ def find_step(t: Array) -> float:
     # A recorded clock in single precision jitters by some 1e-5 of a step.
     if len(steps) < 2 or not steps.min() > 0.0 or np.ptp(steps) > 1e-3 * steps.mean():
         raise InputError("reference: t does not grow in equal steps; sample the motion at a fixed rate.")
-    # Digits below the clock's resolution are rounding errors of t; without them, the step is the configured
-    # one.
+    # Digits below the clock's resolution are rounding errors of t; rounded off, the step equals the
+    # configured one.
     return float(np.round((t[-1] - t[0]) / len(steps), 12))
 
 

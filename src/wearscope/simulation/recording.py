@@ -100,7 +100,7 @@ def write_recording(
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of a recording whose pages hold; None where none is whole or it has none."""
+    """Fingerprint of an undamaged recording; None where the recording is damaged or has none."""
     try:
         table = tables.read_arrow(path, list(COLUMNS))
     except tables.DamagedFile:
@@ -186,7 +186,7 @@ def point_path(folder: str | Path, set_name: str, point: int) -> Path:
 def pack_recordings(file: str | Path, points: Iterable[int]) -> None:
     """Write the recordings of some points, which lie in the file's folder, into one uncompressed tar.
 
-    Its bytes depend on theirs alone.
+    Its bytes depend on the recordings alone.
 
     Parameters
     ----------

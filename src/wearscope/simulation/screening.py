@@ -15,9 +15,9 @@ from wearscope.simulation.chunk import DEFAULT_DWELL
 from wearscope.simulation.feasibility import Ranges
 from wearscope.simulation.study import Conditions, simulate_point
 
-#: Change of torque, over the largest torque of the joint, below which it is rounding.
+#: A change of torque below this share of the joint's largest torque is rounding.
 ROUNDING = 1e-9
-#: The torque is looked at along one sample of so many.
+#: The torque is computed at every fifth sample.
 STRIDE = 5
 
 REMEDIES = {
@@ -139,7 +139,7 @@ def _largest_change(
     kind, low, high = ranges[name]
     if kind == "dwell":
         first, second = (references[level / 1000.0] for level in (low, high))
-        if len(first.t) != len(second.t):  # another duration: every later sample is another one
+        if len(first.t) != len(second.t):  # the duration changes, so that every later sample does
             return 1.0, 0
         torques = [_torque(model, one) for one in (first, second)]
     else:
@@ -181,7 +181,7 @@ def _recorded_change(
                 f"{str(error).rstrip('.')}; narrow the range of the factor."
             ) from error
         runs.append(run)
-    if len(runs[0].t) != len(runs[1].t):  # another duration or rate: every later sample is another one
+    if len(runs[0].t) != len(runs[1].t):  # the duration or rate changes, so that every later sample does
         return 1.0, 0
     changes = []
     for name in ("q", "qd", "tau"):

@@ -9,14 +9,14 @@ from wearscope.robots.spatial import Array
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace
 
-#: Half the time over which a drive takes the difference of encoder steps for the speed [s].
+#: A drive's speed is the difference of encoder steps this long before and after the instant [s].
 SPEED_TIME = 1e-3
-#: Largest share by which a sampling interval misses a whole number of steps that it is taken for.
+#: A sampling interval counts as a whole number of steps where it differs by less than this share.
 _WHOLE = 1e-6
 
 
 def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
-    """Seed of one thing: it depends on the root seed and on what the thing is called, on nothing else.
+    """Seed of one thing, which depends on the root seed and the name of the thing alone.
 
     Parameters
     ----------

@@ -21,13 +21,13 @@ from wearscope.simulation.balance import NO_BALANCE, REST, WHOLE, balance_part
 from wearscope.simulation.dynamics import mass_and_bias
 from wearscope.simulation.terms import remember, share_out
 
-#: Modules of this room that the compiled step is made of.
+#: Modules of this room whose code is compiled into the step.
 SOURCES = ("arrays", "balance", "chain", "dynamics", "step", "terms")
-#: A step that more parts do not end is taken whole with the torques at its end.
+#: A step that is not finished after this many parts is taken whole, with the torques at its end.
 MAX_PARTS = 24
-#: Share of a step that is no time: a motor that turns within it is at rest already.
+#: Share of a step that counts as an instant: a motor that turns within it is at rest already.
 INSTANT = 1e-5
-#: Share of a step that accelerations are taken from.
+#: Only parts longer than this share of a step give accelerations.
 LASTING = 0.1
 
 
@@ -117,8 +117,9 @@ def _take_step(
 def _stamp_sources() -> int:
     """Digest of the sources that the compiled step is made of.
 
-    Numba looks for changes in a cached function's own file only. The digest, as a variable of the function,
-    is part of what its cache is looked up by; functions of this file that use others' are not cached.
+    Numba looks for changes in a cached function's own file only. The digest is a variable of the compiled
+    function and so part of the key of its cache; functions of this file that use those of other files are not
+    cached.
     """
     files = [Path(__file__).with_name(f"{name}.py") for name in SOURCES]
     return int(hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12], 16)
@@ -132,7 +133,7 @@ def _compile_advance(stamp: int) -> Callable:
     ):  # fmt: skip
         """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
 
-        Step 0 is the half that follows its start: the speeds of the state are then those of t0.
+        Step 0 is the half step after t0: before it, the speeds of the state are those at t0.
 
         Parameters
         ----------
@@ -166,7 +167,8 @@ def _compile_advance(stamp: int) -> Callable:
         temperature, wear = borrow((temperature, wear))
         rows = borrow_rows(rows)
         n = len(state.q)
-        # Memory, coupling and load are taken from the last evaluation.
+        # Memory, coupling and load come from the last evaluation, so a correction must not be trusted without
+        # one.
         may_trust = not (terms.remembers.any() or terms.coupled.any() or terms.loaded.any())
         for k in range(first, last):
             start = 0.0 if k == 0 else -0.5 * dt

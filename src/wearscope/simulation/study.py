@@ -22,13 +22,13 @@ from wearscope.simulation.world import World, prove_world, pybullet
 
 T = TypeVar("T")
 
-#: References with the controllers along them, and payloads, that are kept for further points: those of a
-#: design's levels, not those of thousands of points that each have their own.
+#: References (with their controllers) and payloads kept for further points: enough for the levels of a
+#: design, where points share them, and few where each of thousands of points has its own.
 KEPT = 8
 #: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
-#: What a run raises where its physics leave what can be computed. Anything else, such as a full disk or want
-#: of memory, says nothing about the point and ends the job.
+#: Errors of a run whose physics cannot be computed: the point failed. Any other error, such as a full disk or
+#: want of memory, says nothing about the point and ends the job.
 PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
 #: Numbers of a robot's model that a run changes, each with its new value.
 Numbers = tuple[tuple[Number, float], ...]
@@ -36,7 +36,7 @@ Numbers = tuple[tuple[Number, float], ...]
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a design point sets in addition to its reference motion.
+    """Conditions of a design point in addition to its reference motion.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
 
 
 def _keep(kept: dict, key: object, value: T) -> T:
-    """Keep a value in the place of the oldest."""
+    """Keep a value; where there are too many, the oldest goes."""
     kept[key] = value
     if len(kept) > KEPT:
         del kept[next(iter(kept))]
@@ -154,7 +154,7 @@ class Simulator:
         self.world.close()
 
     def renew_world(self) -> None:
-        """Take a new PyBullet client, where a run broke off in the midst of the old one."""
+        """Take a new PyBullet client after a run that broke off."""
         self.world.close()
         self.world = World()
 
@@ -180,7 +180,7 @@ class Simulator:
         return kept[1:]
 
     def rate(self, machine: Machine, numbers: Numbers, dt: float) -> float:
-        """Samples a second [Hz]: where no number says otherwise, a whole number of steps apart."""
+        """Samples a second [Hz]; samples are a whole number of steps apart unless a factor sets the rate."""
         if any(number.path == SAMPLE_RATE for number, _ in numbers):
             return machine.model.sensors.sample_rate
         find_stride(dt, self.sample_rate)
@@ -213,7 +213,7 @@ class Simulator:
         return body
 
     def wear(self, levels: Sequence[float]) -> Array:
-        """Wear (n,) of all joints from that of the wearing ones."""
+        """Wear (n,) of all joints from the levels of the wearing joints."""
         joints = self.model.wear_joints
         if len(levels) > len(joints):
             raise InputError(

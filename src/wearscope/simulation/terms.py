@@ -11,7 +11,7 @@ from wearscope.effects.base import Plant, Term
 from wearscope.effects.rows import hold_rows
 from wearscope.simulation.arrays import INNER
 
-#: Difference of speed over which a slope is taken.
+#: Difference of speed over which a slope is measured.
 PROBE = 1e-7
 
 
@@ -50,7 +50,7 @@ class Terms(NamedTuple):
 def _find_dependence(
     row: Callable, joint: int, n: int, width: int, shape: tuple[float, ...], n_states: int
 ) -> tuple[bool, bool]:
-    """Whether a term's row changes when only other joints move otherwise, and when only the load changes."""
+    """Whether a term depends on the motion of other joints, and whether it depends on the load."""
     state, fixed = np.zeros(max(n_states, 1)), np.full(n, 0.7)
 
     def ask(others: float, load: float) -> np.ndarray:
@@ -184,7 +184,8 @@ def evaluate_terms(
     for i in range(len(terms.joint)):
         j, row = terms.joint[i], rows[i]
         here = 0.0
-        # At rest, first the side below and then, as in motion, the one that counts as high.
+        # At rest a row is evaluated on both sides: first below rest, for `low`; then above rest, for `high`,
+        # which in motion is the only value.
         for side in range(1 if mode[j] != 0 else 2):
             if mode[j] == 0:
                 low[j] += here
@@ -219,7 +220,8 @@ def evaluate_terms(
 def share_out(rows, terms, mode, motion, need, shares, weight, t, dt, temperature, wear):
     """Add the torque of each term, times a weight, to `shares` (m,).
 
-    A motor at rest needs less than friction could give; the terms then give the same part of what they could.
+    A motor at rest needs less than friction could give: each term then gives the same share of its largest
+    torque.
     """
     below, above = np.zeros(len(mode)), np.zeros(len(mode))
     lowest = np.zeros(len(shares))

@@ -24,7 +24,7 @@ _WORDS = {
     "current": "i iq current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
-#: Words of a servo's own columns, which are of no other kind.
+#: Words that stand in a servo's own columns alone.
 _SERVO = {
     "duty": set("duty pwm load".split()),
     "volts": set("volt volts voltage voltages".split()),
@@ -32,7 +32,7 @@ _SERVO = {
 }
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
-#: Beginnings and ends that are written together with a kind: jointpos, lageistwert.
+#: Words written together with a kind, before or after it: jointpos, lageistwert.
 _BEFORE, _AFTER = ("joint", "jnt", "axis", "motor", "actuator"), {"istwert": "ist", "sollwert": "soll"}
 _ACTUAL = set("actual act measured meas msr fbk fdb fb feedback real ist ai".split())
 _TARGET = set(
@@ -43,7 +43,7 @@ _OTHER = set(
     "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
     "estimated model simulated ff feedforward".split()
 )
-#: Words of columns that name a joint and no kind: its position.
+#: Words of columns that name a joint but no kind; such a column is the position.
 _BARE = (
     _ACTUAL
     | _TARGET
@@ -107,7 +107,7 @@ class Group:
 
     @property
     def unknown(self) -> str:
-        """What stands in brackets in all names, where it is no unit; empty where nothing does."""
+        """Text in brackets that all names share, where it is no unit; else empty."""
         texts = {text for one in self.columns for text in _BRACKETS.findall(one)}
         text = min(texts, default="")
         return text if len(texts) == 1 and not self.units and re.fullmatch(r"\D*[^\W\d]\D*", text) else ""
@@ -145,7 +145,7 @@ def _split_compound(word: str) -> list[str]:
 def find_unit(name: str, kind: str) -> str:
     """Unit that a column's name ends with, or has in brackets or as a word; empty where it has none."""
     name = name.replace("_per_", "/")
-    # Single letters within a name are more often a joint's or an axis's.
+    # A single letter within a name more often names a joint or an axis than a unit.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
     for text in [*_BRACKETS.findall(name), *_SUFFIX.findall(name), *inner]:
         if kind == "velocity" and _TURNS_A_MINUTE.fullmatch(text.lower().strip()):
@@ -157,14 +157,14 @@ def find_unit(name: str, kind: str) -> str:
 
 
 def _split_unit(text: str) -> tuple[str, str]:
-    """Unit without its time, and that: ``deg/s`` -> deg, s."""
+    """Unit split at the time: ``deg/s`` -> deg, s."""
     one, _, time = text.lower().replace("°", "deg").partition("/")
     unit = re.sub(r"[^a-z%‰]", "", one)
     return unit[:1] if unit.startswith(("%", "‰")) else unit, time.strip()
 
 
 def _kind_by_unit(name: str) -> str | None:
-    """Kind of a column by the unit in its brackets or at its end; None where none, or several, have it."""
+    """Kind of a column by the unit in its brackets or at its end; None unless exactly one kind fits."""
     for text in [*_BRACKETS.findall(name), *(one for one in _SUFFIX.findall(name) if len(one) > 1)]:
         word, time = _split_unit(text)
         kinds = ("velocity",) if time in ("s", "sec", "min") else ("position", "torque", "current")
@@ -181,7 +181,7 @@ def _without_unit(name: str, kind: str) -> str:
 
 
 def tell_kind(words: Sequence[str]) -> str | None:
-    """Kind of a column with these words; None where they say none."""
+    """Kind of a column with these words; None where the words do not tell."""
     kinds = [_KIND[word] for word in words if word in _KIND]
     if not kinds:
         return None
@@ -271,7 +271,7 @@ def _pick(whole: Group, joints: Sequence[str], movable: Sequence[str]) -> Group:
 
 
 def _merge(taken: _Taken) -> _Taken:
-    """Columns by their words, in which all words of a kind are one; a joint has one column of each."""
+    """Columns by their words, synonyms of a kind merged; a joint has one column for each kind."""
     merged: _Taken = {}
     for words, own in taken.items():
         other = merged.setdefault(tuple(_KIND.get(word, word) for word in words), {})
@@ -290,7 +290,8 @@ def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...
     for named, taken in by_name.items():
         if len(taken) == n:
             chosen = tuple(taken[k] for k in range(n))
-            # Numbered from 0 where the joints are from 1: the numbers count, as one column has no joint.
+            # Where columns count from 0 and joints from 1, one column would have no joint: then the numbers
+            # decide, not the names.
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
     return found
@@ -319,7 +320,7 @@ def count_numbered(columns: Sequence[str]) -> int:
 
 
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
-    """Words of each joint's name: all, without words that all joints share, and without numbers."""
+    """Words of each joint's name, without numbers and without words that all joints share."""
     names = [split_name(joint) for joint in joints]
     common = set.intersection(*map(set, names)) if len(names) > 1 else set()
     short = [[word for word in name if word not in common] for name in names]
@@ -347,7 +348,7 @@ def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
 
 def _rank(words: Sequence[str], kind: str) -> int:
     marks = set(words)
-    # A joint's motion is that behind its gear, where both sides have an encoder.
+    # Where both sides of the gear have an encoder, the one behind the gear gives the joint's motion.
     before_gear = kind in ("position", "velocity") and "motor" in marks
     # Next to dq, qd is the desired position.
     worse = 2 * bool(marks & _TARGET or before_gear) + (kind == "velocity" and "qd" in marks)
@@ -357,7 +358,7 @@ def _rank(words: Sequence[str], kind: str) -> int:
 def match_pattern(
     pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
 ) -> Group:
-    """Columns of a pattern in which ``*`` is the joint's name or number, that among all that move if it fits.
+    """Columns of a pattern in which ``*`` is a joint's name or number (among all movable joints, if it fits).
 
     Raises
     ------
@@ -387,7 +388,7 @@ def match_pattern(
 
 
 def find_time(columns: Sequence[str]) -> tuple[str, ...]:
-    """Column of the time, or the two of a stamp in seconds and nanoseconds; nothing where none is one."""
+    """Column of the time, or two columns of a stamp in seconds and nanoseconds; empty without any."""
     words = {column: split_name(re.sub(r"[\[(][^\])]*[\])]", " ", column)) for column in columns}
     parts = {column: "".join(w) for column, w in words.items()}
     # "ZeitInSec" ends with "nsec", too.
@@ -412,5 +413,5 @@ def says_time(name: str) -> bool:
 
 
 def is_commanded(group: Group) -> bool:
-    """Whether its names say that the values were commanded, not measured."""
+    """Whether the group's names say that the values were commanded, not measured."""
     return bool(set(split_name(group.columns[0])) & _TARGET)

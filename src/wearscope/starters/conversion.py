@@ -1,4 +1,4 @@
-"""Recordings as they come, in the platform's columns: names, units, sides and clocks guessed and said."""
+"""Brings recordings of any form to the platform's columns; names, units and clocks may be guessed."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -143,7 +143,7 @@ def _choose_joints(
     read: Sequence[tuple[Path, Path, pd.DataFrame, Any]],
     notes: list[str],
 ) -> list[str]:
-    """Joints that the columns have; those of a hand behind them are left out, which is noted.
+    """Joints that have columns; joints of a hand behind them are left out, with a note.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def _choose_joints(
 
 
 def _list_behind(urdf: Path, joint: str) -> set[str]:
-    """Joints that another one carries."""
+    """Joints that a given joint carries."""
     found: set[str] = set()
     tree = {one.name: one for one in parse_urdf(urdf).joints}
     links = {tree[joint].child}
@@ -202,9 +202,9 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
 ) -> tuple[pd.DataFrame, float, bool, set[str]]:
-    """Recording in the platform's columns, its rate, whether that is slower than its rows', what wrapped.
+    """Recording in the platform's columns, its rate, whether held values set that rate, joints that wrapped.
 
-    Notes on what was guessed are added.
+    Guesses are added to the notes.
     """
     joints = [joint.name for joint in ordered]
     groups = choose_groups(file, [str(c) for c in frame.columns], joints, mapped)

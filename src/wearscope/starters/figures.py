@@ -31,7 +31,7 @@ class Figures:
 
     @property
     def given(self) -> Array:
-        """Which are given (n,)."""
+        """Which values are given rather than assumed (n,)."""
         return np.array([origin.startswith("given") for origin in self.origins])
 
     def describe(self, joints: Sequence[str]) -> str:
@@ -74,12 +74,12 @@ def take_option(
 
 
 def assume(values: Array, why: str) -> Figures:
-    """Figures that nobody gave."""
+    """Figures that are assumed because nobody gave them."""
     return Figures(np.asarray(values, dtype=float), (f"assumed: {why}",) * len(values))
 
 
 def choose(*sources: Figures | None) -> Figures:
-    """By joint the first source that has a number; a source lacks one where it is NaN."""
+    """For each joint the number of the first source whose number is not NaN."""
     there = [source for source in sources if source is not None]
     values, origins = there[-1].values.copy(), list(there[-1].origins)
     for source in reversed(there[:-1]):
@@ -147,7 +147,7 @@ def fit_to_cycles(
         moving, still = _find_peaks(model)
         over = moving > ROOM * torque.values
         if np.any(over) and steps < SLOWEST:
-            # What motion adds to the torque along the same path goes with the acceleration.
+            # Along the same path, the torque that motion adds is proportional to the acceleration.
             room = (ROOM * torque.values - still)[over] / (moving - still)[over]
             needed = np.log(max(float(room.min()), 1e-9)) / np.log(SLOWER)
             steps = min(SLOWEST, steps + int(np.ceil(needed)))

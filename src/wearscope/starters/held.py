@@ -1,4 +1,4 @@
-"""Columns with fewer values than rows: a value is repeated over rows, or the rows between are blank."""
+"""Columns slower than the rows: a value is repeated over several rows, or the rows between are blank."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,22 +8,23 @@ from scipy import ndimage
 
 from wearscope.robots.spatial import Array
 
-#: Kinds that must be new in each row; others, such as temperatures, may be slower.
+#: Kinds whose slowest column sets the rate; other kinds, such as temperatures, may be slower still.
 _MOTION = ("position", "velocity", "torque", "current", "goal", "duty")
 #: Fewest changes of a column that show how long it is held.
 _FEWEST = 50
-#: Largest share of values that are held shorter, and least share held for the usual number of rows, plus or
-#: minus one.
+#: Of the values of a held column: largest share held for fewer rows than usual, least share held for the
+#: usual number of rows, plus or minus one.
 _SHORTER, _ALIKE = 0.02, 0.7
-#: Smallest steps of a column that it usually goes on by: the counts of a slow encoder go on by one.
+#: A column is held only where its usual step is at least this many of its smallest steps: a slow encoder
+#: changes by one count at a time and is not held.
 _STEPS = 3.0
-#: Rows that are whole, of those in which each column has a number, below which columns are written by turns.
+#: Columns are written by turns where fewer than this share of their rows have a number in every column.
 _BY_TURNS = 0.5
 
 
 def find_hold(x: Array) -> int:
     """Rows for which a channel (N,) keeps each of its values; 1 where each row may have a new one."""
-    with np.errstate(invalid="ignore"):  # between values that are infinite there is no step
+    with np.errstate(invalid="ignore"):  # no step between infinite values
         steps = np.diff(x)
     at = np.flatnonzero(steps)
     gaps = np.diff(at)
@@ -36,7 +37,7 @@ def find_hold(x: Array) -> int:
 
 
 def _is_quicker(x: Array, held: int) -> bool:
-    """Whether a channel (N,) has new values more often than one that is held over so many rows."""
+    """Whether a channel (N,) has new values more often than every `held` rows."""
     gaps = np.diff(np.flatnonzero(np.diff(x)))
     return bool(np.count_nonzero(gaps < held - 1) > _SHORTER * len(gaps))
 
@@ -56,8 +57,8 @@ def take_news(
 ) -> tuple[Array, pd.DataFrame, list[str]]:
     """Rows at the rate of the slowest column, with notes; the same rows where all columns are new in each.
 
-    Columns are new at the first row that has a value. Slower ones than the rest give the rows, others are
-    averaged over these and taken between their own rows.
+    Columns are new at the first row that has a value. The slowest column of the motion gives the rows; faster
+    columns are averaged over them.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def take_news(
         holds = {name: find_hold(x) for name, x in own.items()}
         longest = max(holds.values(), default=1)
         if longest > 1:
-            # Channels of a kind are read together; one that hardly moves does not show how long it is held.
+            # Channels of a kind are read together, as a channel that hardly moves does not show how long it
+            # is held.
             held |= {name: longest for name, x in own.items() if not _is_quicker(x, longest)}
             kinds[kind] = longest
     if not kinds and not by_turns:

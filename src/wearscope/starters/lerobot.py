@@ -15,7 +15,7 @@ from wearscope.errors import InputError
 from wearscope.storage.files import DamagedFile, read_json
 from wearscope.storage.tables import check_unpacked
 
-#: Features of joints and the word of their kind; names of single values may hold another.
+#: Features of joints and the word of their kind; the name of a single value may state another kind.
 _FEATURES = {
     "observation.state": "position",
     "observation.velocity": "velocity",
@@ -33,7 +33,7 @@ _MEASURED = {"effort", "current", "load"}
 
 
 class _Feature(BaseModel):
-    """What a row of the table has of a feature."""
+    """A feature of the table's rows, as `meta/info.json` describes it."""
 
     shape: list[Annotated[int, Field(ge=0, le=limits.COLUMNS)]] = Field(min_length=1)
     names: Any = None
@@ -114,7 +114,7 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
 
 
 def doubt_angles(path: Path, episodes: Sequence[tuple[str, pd.DataFrame]]) -> list[str]:
-    """A note where the positions of a data set may be per cent of the joints' ranges and no angles."""
+    """A note where the positions of a data set may be per cent of the joints' ranges instead of angles."""
     largest = max(
         float(frame.filter(regex=r"\.position$").abs().max(axis=None)) for _, frame in episodes if len(frame)
     )

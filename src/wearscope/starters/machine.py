@@ -39,13 +39,13 @@ RUNS = (
     ("transfer", "point_to_point", "train"),
     ("sweeps", "axis_sweeps", "test"),
 )
-#: What the model has that is sent to the controller [N m, N m s/rad].
+#: Friction of the declared model, which the controller uses [N m, N m s/rad].
 COULOMB, VISCOUS = (42.0, 105.0, 42.0), (15.0, 55.0, 9.0)
 
 
 @dataclass(frozen=True)
 class Planted:
-    """What the machine has and its model lacks."""
+    """An effect that the machine has and its model lacks."""
 
     joint: str
     effect: str
@@ -60,7 +60,7 @@ PLANTED = (
 
 
 def make_machine() -> RobotModel:
-    """The medium robot's first three joints, with friction by its two simplest laws and what is planted."""
+    """The medium robot's first three joints, with the two simplest laws of friction and planted effects."""
     whole = load_model("medium").to_mapping()
     drive = {name: values[:JOINTS] for name, values in whole["drive"].items()}
     sensors = whole["sensors"]

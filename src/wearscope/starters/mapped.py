@@ -1,7 +1,7 @@
-"""What the user says of recordings that are brought, and what is taken of them.
+"""What the user says of recordings, and which of their columns and rows are taken.
 
-Taken are the columns that the user names, else those that are found; recordings that are fitted and those
-that are only scored have one rate in common.
+Columns that the user names are taken, else those that are found. All recordings are brought to one rate,
+those that are fitted and those that are only scored.
 """
 
 from collections.abc import Mapping, Sequence
@@ -164,7 +164,7 @@ def choose_groups(
 
 
 def describe_groups(groups: Mapping[str, Group]) -> list[str]:
-    """A note on each kind's columns."""
+    """A note on the columns of each kind."""
     return [
         f"{kind}: {group.columns[0]}"
         + (f" to {group.columns[-1]}" if len(group.columns) > 1 else "")
@@ -217,7 +217,7 @@ def take_common_rate(
 
 
 def _find_cut(frame: pd.DataFrame, rate: float) -> int:
-    """Row up to which a share of all joints' motion is done, so that joints move on both sides of it."""
+    """Row that divides the motion of all joints by share, so that they move before and after it."""
     every = max(1, round(_STEP * rate))
     q = frame[[name for name in frame if str(name).startswith("q_")]].to_numpy(dtype=float)[::every]
     moved = np.abs(np.diff(q, axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-12)

@@ -70,7 +70,7 @@ def read_recording(
 
 
 def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """A table as all that follows takes it: names that can be written, numbers of the machine's own types.
+    """The table with column names that can be written and numbers of native types, as later steps need it.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def _read_arrays(path: Path) -> pd.DataFrame:
 
 
 def _unpack(path: Path, folder: Path) -> Path:
-    """The one file that is packed in another, as far as one may be large."""
+    """Unpack the single file that a packed file holds, up to the allowed size."""
     check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
     with ExitStack() as stack:
         name = path.stem
@@ -233,7 +233,7 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
             rows = list(_list_states(reader, links))
     except (InputError, MemoryError):
         raise
-    except Exception as error:  # of a broken bag its readers raise many kinds
+    except Exception as error:  # readers raise many kinds of errors on a broken bag
         told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(f"{path}: cannot be read as a ROS 2 bag ({told}); copy it again, whole.") from error
     if not rows:
@@ -246,7 +246,7 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
 
 
 def _check_bag(path: Path) -> None:
-    """Refuse what no reader of a bag would end at: files that are none, or large, and YAML that grows."""
+    """Refuse what a bag's reader would never finish: no plain or too large a file, YAML that grows."""
     described = path / "metadata.yaml"
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         check_plain(file, limits.TABLE_BYTES, "copy the bag again, or split it where it is large")

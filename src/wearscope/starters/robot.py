@@ -1,6 +1,5 @@
 """A complete model of a robot from its URDF: what the file or the user states is given, all else assumed."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from wearscope.robots.friction import SOURCE, friction_from_efficiency, scale_fr
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import movable_joints, normalise_urdf
-from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf, read_urdf
+from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf
 from wearscope.starters.figures import (
     START_TIME,
     Figures,
@@ -27,7 +26,7 @@ from wearscope.starters.figures import (
 from wearscope.starters.writing import fill_template
 from wearscope.storage.files import copy_file
 
-# Beyond these nothing is a robot's joint [rad or m; per s].
+# Least range [rad or m], least and largest speed [per s] of a robot's joint.
 LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 5e-3, 1e3
 # Assumed where nothing is stated.
 SPEED = {"rad": 2.0, "m": 0.5}
@@ -44,7 +43,7 @@ USUAL = "the usual torque (between the torque limit and what the arm needs)"
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user states of a robot; lists by joint, of one value for all.
+    """Figures that the user states of a robot, by joint; a single value is for all joints.
 
     Attributes
     ----------
@@ -144,7 +143,7 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
         _from_urdf(ordered, "effort"),
         assume(swing, f"{STRENGTH:g} times what holding and starting the arm takes"),
     )
-    friction = _read_friction(stated, ordered, str(urdf), figures["torque_limit"].values, speed)
+    friction = _read_friction(stated, ordered, figures["torque_limit"].values, speed)
     usual = _find_usual(figures["torque_limit"].values, swing, friction, speed)
     figures |= _choose_drive(stated, n, speed, usual)
     figures |= _choose_friction(friction, usual, speed)
@@ -156,8 +155,9 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
 def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], speed: Array) -> Array:
     """Torque (n,) that a drive of the joint's size works with.
 
-    The limit may be a placeholder, far beyond what the joint ever needs, and what the arm alone needs at a
-    light wrist is far below its drive: the geometric mean of the two, unless the stated friction says more.
+    The limit may be a placeholder, far beyond what the joint ever needs; the torque that the arm needs at a
+    light wrist is far below that of its drive. So the usual torque is the geometric mean of the two, unless
+    the stated friction is larger.
     """
     stated = [friction["coulomb"].values / COULOMB_SHARE, friction["viscous"].values * speed / VISCOUS_SHARE]
     return np.minimum(limit, np.nanmax([*stated, np.sqrt(limit * needed)], axis=0))
@@ -186,10 +186,11 @@ def _refuse_odd(urdf: str, ordered: Sequence[Joint], speed: Figures) -> None:
             )
 
 
-def _from_urdf(ordered: Sequence[Joint], key: str) -> Figures:
+def _from_urdf(ordered: Sequence[Joint], key: str, element: str = "limit") -> Figures:
+    """What the URDF states of joints; NaN where it states nothing."""
     values = np.array([getattr(joint, key) for joint in ordered])
     return Figures(
-        np.where(values < OPEN_LIMIT, values, np.nan), (f"given: URDF, limit {key}",) * len(ordered)
+        np.where(values < OPEN_LIMIT, values, np.nan), (f"given: URDF, {element} {key}",) * len(ordered)
     )
 
 
@@ -226,30 +227,11 @@ def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[st
     return {"gear_ratio": ratio, "rotor_inertia": choose(rotor, own)}
 
 
-def _read_dynamics(urdf: str, ordered: Sequence[Joint]) -> dict[str, Array]:
-    """``friction`` and ``damping`` of the URDF's joints; NaN where it states none or 0."""
-    root = ET.fromstring(read_urdf(urdf)[0])
-    elements = {joint.get("name"): joint.find("dynamics") for joint in root.iter("joint")}
-    values = {}
-    for key in ("friction", "damping"):
-        taken = []
-        for joint in ordered:
-            element = elements.get(joint.name)
-            try:
-                number = float("nan" if element is None else element.get(key, "nan"))
-            except ValueError:
-                number = np.nan
-            taken.append(number if np.isfinite(number) and number > 0.0 else np.nan)
-        values[key] = np.array(taken)
-    return values
-
-
 def _read_friction(
-    stated: Stated, ordered: Sequence[Joint], urdf: str, torque: Array, speed: Array
+    stated: Stated, ordered: Sequence[Joint], torque: Array, speed: Array
 ) -> dict[str, Figures]:
-    """Friction that options or the URDF state; NaN where nobody does."""
+    """Friction that options or the URDF state; NaN where neither does."""
     n = len(ordered)
-    written = _read_dynamics(urdf, ordered)
     efficiency = take_option("efficiency", stated.efficiency, n)
     losses: list[Figures | None] = [None, None]
     if efficiency is not None:
@@ -263,12 +245,12 @@ def _read_friction(
         "coulomb": choose(
             take_option("coulomb", stated.coulomb, n),
             losses[0],
-            Figures(written["friction"], ("given: URDF, dynamics friction",) * n),
+            _from_urdf(ordered, "friction", "dynamics"),
         ),
         "viscous": choose(
             take_option("viscous", stated.viscous, n),
             losses[1],
-            Figures(written["damping"], ("given: URDF, dynamics damping",) * n),
+            _from_urdf(ordered, "damping", "dynamics"),
         ),
     }
 

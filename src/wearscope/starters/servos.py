@@ -26,7 +26,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 #: Kinds of a servo's columns, next to those of every recording.
 SERVO_KINDS = ("goal", "duty", "gain", "volts", "on")
-#: Whole numbers above it are tenths of a volt, as the registers of these servos have them.
+#: Whole numbers above this are tenths of a volt, the unit of these servos' registers.
 _TENTHS = 30.0
 #: Columns that are taken where a recording has them.
 _OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
@@ -87,7 +87,7 @@ def choose_servo_groups(
         Where a column that the law needs is not found.
     """
     groups = {}
-    # A servo's own registers of its gain have another unit, so that its column is taken by name only.
+    # A servo's gain registers have another unit, so a gain column is taken only where the user names it.
     named = ("gain",) if servo.law == "voltage" and "gain" in patterns else ()
     for kind in (*COLUMNS[servo.law], *named, *_OPTIONAL[servo.law]):
         if kind in patterns:

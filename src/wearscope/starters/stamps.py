@@ -14,7 +14,7 @@ from wearscope.starters.columns import find_time, says_time, split_name
 #: Units of time stamps, in seconds.
 _DAY = 86400.0
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": _DAY}
-#: What else a column's name calls them.
+#: Other words for these units in a column's name.
 _NAMES = {
     "s": {"sec", "secs", "seconds"},
     "ms": {"msec", "msecs", "millis", "milliseconds"},
@@ -22,14 +22,14 @@ _NAMES = {
     "ns": {"nsec", "nsecs", "nanosec", "nanos", "nanoseconds"},
     "d": {"days"},
 }
-#: Sampling rates of robots [Hz]: a unit that gives another is not the clock's.
+#: Range of sampling rates of robots [Hz]; a unit that gives a rate outside is not the clock's.
 _SLOWEST, _FASTEST = 5.0, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
 _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6
-#: Most days of a recording, which alone are no time.
+#: A column with at most this many different dates tells the day of the recording, not the time.
 _FEW_DATES = 2
-#: Share of a recording's time by which a clock that restarts goes back, and fewest rows of a recording.
+#: A clock restarts where it goes back by this share of the time so far; fewest rows of a recording.
 _BACK, _FEWEST = 0.5, 50
 #: Share of a column that must be numbers for the rest to be rows without a time.
 _NUMBERS = 0.5
@@ -86,10 +86,10 @@ def to_seconds(
 def _read_dates(stamps: pd.Series, errors: Literal["raise", "coerce"]) -> Array:
     """Dates, or times of a day that may end among them, in seconds (N,) from any origin."""
     text = stamps.astype(str).str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
-    # Day or month first: the one by which the recording is shorter.
+    # Day or month first: the order that makes the recording shorter.
     orders = (False, True) if re.match(r"\d{1,2}[./-]\d{1,2}[./-]\d", str(text.iloc[0])) else (False,)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of days that cannot be months
+        warnings.simplefilter("ignore", UserWarning)  # where a day cannot be a month
         tried = [
             pd.to_datetime(text, format="mixed", utc=True, errors=errors, dayfirst=one) for one in orders
         ]
@@ -127,7 +127,7 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
 
 
 def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
-    """Column of the time that goes on, or the two of a stamp: no date next to it, no moment of arrival."""
+    """Column of the running time, or two columns of a stamp; not a date, not the time of arrival."""
     every = [str(column) for column in frame.columns]
     columns = list(every)
     while names := find_time(columns):

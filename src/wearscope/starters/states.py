@@ -14,7 +14,8 @@ from wearscope.starters.columns import find_time, split_name
 _LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
 _NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
 
-#: Words of a column that names a row's joint; share of rows in which it is another one's than in the last.
+#: Words of a column that names the joint of a row. Least share of rows whose joint differs from that of the
+#: row before, and least count of a joint's rows over the largest count.
 _JOINT = set("joint joints axis axes achse jnt motor actuator gelenk signal channel variable".split())
 _TURNS = 0.8
 
@@ -60,9 +61,9 @@ def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
     time = find_time([str(column) for column in frame.columns])
     for key in [str(column) for column in frame.columns if str(column) not in time]:
         counts = frame[key].value_counts()
-        # Joints take turns, and each comes as often as the others; a state or a recording's name does not.
+        # Joints take turns, each as often as the others; names of states or of recordings do not.
         words = set(split_name(key)) if frame[key].notna().all() else set()
-        # Recordings have names and numbers, too, and follow each other.
+        # Recordings have names and numbers too, but follow each other instead of taking turns.
         turns = words & (_JOINT | {"name", "id"}) and _take_turns(frame[key])
         turns = turns or (words & _JOINT and _follow(frame, key, time))
         if not turns or not 1 < len(counts) <= limits.JOINTS or counts.min() < _TURNS * counts.max():

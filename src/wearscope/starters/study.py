@@ -15,7 +15,7 @@ from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote
 from wearscope.storage.files import copy_file
 
-#: Robot whose wear and temperature a model without them borrows, such as one that a diagnosis wrote.
+#: Robot that lends wear and temperature to models without them, such as those that a diagnosis wrote.
 LENDER = "medium"
 #: Effect whose Coulomb friction a small study also doubles.
 EQ_17 = "friction_wear_temperature"
@@ -45,7 +45,7 @@ FACTORS: dict[str, tuple[str, str, tuple[float, float], str, tuple[float, float]
 
 
 def choose_factors(models: Sequence[RobotModel]) -> tuple[list[str], list[str]]:
-    """Factors of the paper that act on every robot, and a note for each that does not.
+    """Factors of the paper that act on every robot, and a note for each factor that does not.
 
     Raises
     ------

@@ -16,9 +16,10 @@ from wearscope.errors import InputError
 
 _SEPARATORS = ",;\t| "
 _COMMENTS = "#%/"
-#: Lines that are looked at, in which the numbers begin, and most characters of them.
+#: Numbers must begin within this many lines, and this many characters.
 _LOOK, _HEAD = 400, 8_000_000
-#: Share of a column that must be numbers for the rest to be none; of usual numbers in a row.
+#: Share of a column's cells that must be numbers for the other cells to count as missing; share of the usual
+#: count of numbers that makes a line a row.
 _NUMBERS, _ROW = 0.5, 0.8
 #: The D of an exponent as Fortran writes it.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
@@ -71,7 +72,7 @@ def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, li
     commas = layout.separator != "," and _has_decimal_commas(lines[layout.begin :], layout.separator)
     point = "," if commas else "."
     with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)  # values that no name has
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # more values than names
         frame = pd.read_csv(
             path,
             sep=r"\s+" if layout.separator == " " else layout.separator,
@@ -139,7 +140,7 @@ def _count_numbers(line: str, separator: str) -> int:
 
 
 def _is_row(line: str, separator: str, usual: float) -> bool:
-    """Whether a line has about as many numbers as others, or nothing else than numbers and empty cells."""
+    """Whether a line has about the usual count of numbers, or only numbers and empty cells."""
     cells = _split(line, separator)
     numbers, filled = _count_numbers(line, separator), sum(bool(cell) for cell in cells)
     return len(cells) >= usual and (numbers >= max(_ROW * usual, 1.0) or numbers == filled > 1)
@@ -153,7 +154,7 @@ def _find_layout(path: Path, lines: list[str]) -> _Layout:
     separator = max(_SEPARATORS, key=lambda one: float(np.median(counts[one][len(counts[one]) // 2 :])))
     usual = float(np.median(counts[separator][len(counts[separator]) // 2 :]))
     if usual < 2.0:
-        # A date next to one number, or columns of words: what stands in every line separates.
+        # A date next to one number, or columns of words: the separator is the character that every line has.
         some = [line for line in lines if line.strip() and not line.startswith(tuple(_COMMENTS))][:20]
         separator = max(_SEPARATORS, key=lambda one: min((line.count(one) for line in some), default=0))
         if not some or not some[0].count(separator):
@@ -176,7 +177,7 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
     told = [len({cell for cell in above[k] if cell}) for k in wide]
     header = wide[int(np.argmax(told))]
     names, joined = above[header], set[int]()
-    # Names that stand several times are those of joints, or of kinds: the other is in the row next to them.
+    # Repeated names are joints or kinds; the row above or below then has the other of the two.
     for k in (header + 1, header - 1):
         if k in wide and len(set(names)) < len(names):
             upper, lower = (above[one] for one in sorted((header, k)))
@@ -201,7 +202,7 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
 
 
 def _join_names(upper: list[str], lower: list[str]) -> list[str]:
-    """Names of two rows in one; an empty cell of the upper row goes on with the one before it."""
+    """Names of two rows joined; an empty cell of the upper row continues the cell before it."""
     names, last = [], ""
     for k, below in enumerate(lower):
         last = (upper[k] if k < len(upper) else "") or last
@@ -210,7 +211,7 @@ def _join_names(upper: list[str], lower: list[str]) -> list[str]:
 
 
 def _has_decimal_commas(lines: list[str], separator: str) -> bool:
-    """Whether more cells are numbers with a comma at last than with a point."""
+    """Whether more cells are numbers with a decimal comma than with a decimal point."""
     cells = [cell for line in lines if line.strip() for cell in _split(line, separator)]
     forms = [re.compile(rf"[+-]?[\d.,]*{mark}\d*([de][+-]?\d+)?", re.IGNORECASE) for mark in (",", r"\.")]
     commas, points = (sum(form.fullmatch(cell) is not None for cell in cells) for form in forms)
@@ -218,7 +219,7 @@ def _has_decimal_commas(lines: list[str], separator: str) -> bool:
 
 
 def _to_numbers(column: pd.Series, point: str) -> pd.Series:
-    """Numbers of a column in which a few cells are none, as in a line of sums, or have marks by thousands."""
+    """Numbers of a column, of which a few cells may be text (a line of sums) or have thousands separators."""
     mark, text = "." if point == "," else ",", column.astype(str).str.strip()
     grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
     text = text.str.translate(SIGNS)
@@ -230,9 +231,9 @@ def _to_numbers(column: pd.Series, point: str) -> pd.Series:
 
 
 def find_odd(column: pd.Series, numbers: pd.Series) -> pd.Series:
-    """Cells that have digits and are no numbers, where they are more than a damaged few; else none.
+    """Cells with digits that are no numbers, where there are more than a damaged few; else no cells.
 
-    A word says that there is no value.
+    A word means that there is no value.
     """
     odd = column[numbers.isna() & column.notna()].astype(str)
     odd = odd[odd.str.contains(r"\d")]
@@ -240,7 +241,7 @@ def find_odd(column: pd.Series, numbers: pd.Series) -> pd.Series:
 
 
 def _drop_repeated(path: Path, frame: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
-    """The table without columns that stand twice and are alike."""
+    """The table without columns that repeat the name and values of another."""
     again = np.flatnonzero(frame.columns.duplicated())
     for k in again.tolist():
         name = str(frame.columns[k])

@@ -18,7 +18,7 @@ from wearscope.starters.mapped import Mapped, choose_groups
 
 @dataclass(frozen=True)
 class _Scale:
-    """Units of the positions of joints of one kind: the platform's and a smaller one."""
+    """Units of positions of turning or sliding joints: the platform's and a smaller one."""
 
     slides: bool
     base: str
@@ -27,20 +27,21 @@ class _Scale:
     farthest: float
 
 
-#: Positions are in the smaller unit where they go so far in the other, or so far beyond the URDF's limits.
+#: Positions are in the smaller unit where they would reach this far in the platform's unit, or so far beyond
+#: the URDF's limits.
 _SCALES = (
     _Scale(False, "rad", "deg", np.pi / 180.0, 4.0 * np.pi),
     _Scale(True, "m", "mm", 1e-3, 30.0),
 )
 _BEYOND = 1.2
-#: Whole numbers that go so far are counts of an encoder.
+#: Whole numbers that reach this far are counts of an encoder.
 _COUNTS = 1440.0
 
 
 def choose_units(
     read: Sequence[tuple[Path, Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
 ) -> tuple[str, ...]:
-    """Units of the positions of all recordings, where their size tells them of some: a recorder has one."""
+    """Units of the positions of all recordings, if the size of some tells them: a recorder has one unit."""
     units = tuple(mapped.position_units)
     for scale in _SCALES:
         own = _pick(ordered, scale)
@@ -83,7 +84,7 @@ def position_unit(
     mapped: Mapped,
     notes: list[str],
 ) -> Array:
-    """Factor (n,) from the recorded positions to rad or m, on the side that they are of."""
+    """Factor (n,) from the recorded positions to rad or m, on the motor or joint side as recorded."""
     counts = take_option("counts-per-turn", mapped.counts_per_turn, len(ordered), positive=True)
     if counts is not None:
         notes.append(f"{file.name}: positions are counts of encoders, as stated.")
@@ -208,7 +209,7 @@ def read_torque(
         elif group.unknown:
             told = f", in N m (N of a slide), as '{group.unknown}' is no known unit (else --torque-constant)"
         if constant is not None:
-            factor = factor / named  # it is stated for one unit of the column, whatever the name says
+            factor = factor / named  # stated for one unit of the column, whatever unit its name has
             told = ", times --torque-constant"
         if mapped.torque_side == "motor":
             ratio = take_ratios(gear, "--torque-side motor", n)

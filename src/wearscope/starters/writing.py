@@ -37,7 +37,7 @@ def flow_map(values: Mapping[str, float]) -> str:
 
 
 def _escape(value: object) -> object:
-    """What a template puts into its text: nothing of it breaks a line."""
+    """Text of a value in a template, without line breaks."""
     return escape_text(value) if isinstance(value, str) else value
 
 
@@ -105,7 +105,7 @@ def write_schema(folder: Path, fields: type[BaseModel]) -> str:
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill, which stands under its name once all is well, and not at all otherwise.
+    """A folder to fill; it gets its name once all is well and is removed otherwise.
 
     Raises
     ------

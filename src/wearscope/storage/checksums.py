@@ -4,9 +4,9 @@ The checksum of ``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.js
 `sha256sum` writes it.
 
 An answer is shown as a whole: the old one or the new one, whatever is killed in between. Jobs make it in a
-folder of their own, that of a study in its ``parts/answer``. Then its files take the place of the old ones
-together: a folder `READY`, which appears in one step, holds them until each has its place. Whoever looks next
-finishes that.
+folder of their own, those of a study in its ``parts``. Then its files take the place of the old ones
+together: a folder `READY`, which appears in one step, holds them until each has its place. If the process is
+killed meanwhile, the next one that looks finishes the move.
 """
 
 import fcntl
@@ -22,7 +22,7 @@ from wearscope.storage.files import DamagedFile, check_plain, digest_file, set_a
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
-#: What pages of an answer lie next to, and what each answers.
+#: File next to which the pages of an answer lie, and the kind of the answer.
 ANSWERS = {
     "verdict.json": "diagnosis",
     "tracking.json": "tracking",
@@ -58,7 +58,7 @@ def record_checksums(
 
 
 def find_output(path: Path) -> Path:
-    """The output of a rule that a file was made with: itself, where no kept checksum says another."""
+    """Output of the rule that made a file: the file itself unless its checksum names another."""
     for folder in path.parents:
         if (folder / CHECKSUMS).is_dir():
             try:
@@ -102,7 +102,7 @@ def withdraw(path: str | Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files that a run must make: what was withdrawn and is an output of a rule.
+        Files that a run must make again: those withdrawn that are outputs of a rule.
     """
     path = Path(path)
     withdrawn = [find_output(path)]
@@ -135,7 +135,7 @@ def _kept(folder: str | Path, name: str) -> Path:
 MADE, LIST = ".made", "shown.json"
 #: Held by the run that works in a folder of results.
 LOCK = ".wearscope.lock"
-#: What has taken its place or not yet, and what is still being gathered.
+#: Folder of files that are about to take their places, and its name while it is being filled.
 READY, GATHERED = ".ready", ".gathered"
 #: Files of an answer from before lists were kept.
 _EARLIER = ("report.html", "*.parquet", "next_measurement_*")
@@ -158,7 +158,7 @@ def show_answer(made: Path, folder: Path) -> None:
         if file.is_file() and file.name != LIST and not file.name.startswith("."):
             names.append(name.as_posix())
             (gathered / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, gathered / name)  # as new as it is shown
+            shutil.copyfile(file, gathered / name)  # so that its date is that of the showing
     write_new(gathered / LIST, json.dumps(names))
     gathered.replace(folder / READY)
     settle(folder)
@@ -166,11 +166,11 @@ def show_answer(made: Path, folder: Path) -> None:
 
 
 def settle(folder: Path) -> None:
-    """Finish what `show_answer` began in a folder before it was killed; nothing where it began nothing."""
+    """Finish what a killed `show_answer` began in a folder, if there is anything."""
     ready = folder / READY
     if not ready.is_dir():
         return
-    with suppress(FileNotFoundError):  # of another that finishes it too
+    with suppress(FileNotFoundError):  # another process may finish it at the same time
         names = json.loads((ready / LIST).read_text(encoding="utf-8"))
         for old in set(_list_shown(folder)).difference(names):
             (folder / old).unlink(missing_ok=True)
@@ -193,7 +193,7 @@ def forget_lost(made: Path, folder: Path) -> None:
 
 
 def check_shown(path: str | Path) -> None:
-    """Check a file that is about to be shown, by the checksum that a folder above it keeps; else it passes.
+    """Check a file that is about to be shown, by the checksum kept in a folder above it, if there is any.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from wearscope.errors import InputError
 
 #: The disk is full, or its user's share of it is.
 FULL = (errno.ENOSPC, errno.EDQUOT)
-#: What a file being written, or one set aside as damaged, is called.
+#: Names of files being written, and of files set aside as damaged.
 OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
 
 
@@ -128,7 +128,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def open_new(path: str | Path) -> IO[str]:
-    """Replace what is there by a new text file and open it; a link is not followed, a pipe not waited for.
+    """Open a new text file in place of what is there; a link is not followed, a pipe not waited for.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def write_new(path: str | Path, text: str) -> None:
 
 
 def load_json(text: str | bytes, **options: Any) -> Any:
-    """Content of a JSON text that what works on it, level by level, can go through, and write again.
+    """Content of a JSON text, not nested too deeply to be walked, and fit to be written again.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def load_json(text: str | bytes, **options: Any) -> Any:
     text = text if isinstance(text, str) else text.decode()
     content = json.loads(text, **options)
     _check_depth(content)
-    if re.search(r"\\u[dD][89a-fA-F]", text):  # halves of a character, which no file can hold alone
+    if re.search(r"\\u[dD][89a-fA-F]", text):  # refuses half a surrogate pair, which no file can hold
         json.dumps(content, ensure_ascii=False).encode()
     return content
 

@@ -10,7 +10,7 @@ from wearscope import limits
 
 #: Tags that a value may carry; all others ask for more than plain values.
 _TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")}
-#: What the constructors of PyYAML raise for a value that is none.
+#: Errors that PyYAML's constructors raise for a malformed value.
 _NO_VALUE = (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError, RecursionError)
 _NUMBER = re.compile(
     r"[-+]?(0b[01_]+|0x[0-9a-fA-F_]+|[0-9][0-9_:]*(\.[0-9_]*)?([eE][-+]?[0-9]+)?|\.[0-9_]+([eE][-+][0-9]+)?)"
@@ -59,7 +59,7 @@ def _check_bounds(text: str) -> None:
         raise yaml.YAMLError(f"it holds more than {limits.YAML_BYTES} characters")
     count = 0
     copies: dict[str, tuple[int, int]] = {}  # values and levels by anchor
-    opened: list[list[Any]] = [[None, 0, 0]]  # collections: anchor, values before, levels in it
+    opened: list[list[Any]] = [[None, 0, 0]]  # open collections: anchor, values before it, levels within it
     for event in yaml.parse(text, _Fast):
         values, levels = 1, 0
         if isinstance(event, yaml.CollectionEndEvent):

@@ -70,7 +70,7 @@ def read_commit() -> str | None:
 
 
 def _git(*arguments: str) -> str | None:
-    """What git says of the platform's own checkout: in another folder its settings could name a program."""
+    """Output of git in the platform's own checkout; another folder's git settings could run a program."""
     home = find_home()
     if not (home / ".git").exists():
         return None

@@ -1,5 +1,6 @@
 """Parquet tables with units in the column metadata and page checksums, written whole or not at all."""
 
+import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from wearscope.storage.files import DamagedFile, write_text, write_whole
 
 __all__ = [
     "DamagedFile", "Parts", "join_tables", "read_arrow", "read_table", "read_units", "to_array", "to_arrow",
-    "write_arrow", "write_table", "write_text", "write_whole",
+    "write_arrow", "write_json", "write_table", "write_text", "write_whole",
 ]  # fmt: skip
 
 _PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
@@ -141,6 +142,27 @@ def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None 
     write_arrow(path, to_arrow(columns, units))
 
 
+def write_json(path: str | Path, content: Any) -> None:
+    """Write a JSON file whole or not at all; a number that is not finite is null.
+
+    Parameters
+    ----------
+    path : path-like
+    content : mapping, list, text, number or None
+    """
+    write_text(path, json.dumps(_replace_missing(content), indent=2) + "\n")
+
+
+def _replace_missing(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _replace_missing(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_replace_missing(value) for value in content]
+    if isinstance(content, float | np.floating):
+        return float(content) if np.isfinite(content) else None
+    return content
+
+
 def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
     """Read a Parquet file, its pages checked by their checksums.
 
@@ -240,7 +262,7 @@ def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
 
 
 def to_frame(table: pa.Table, where: str | Path) -> Any:
-    """Data frame of a table, whatever its file says of pandas.
+    """Data frame of a table; pandas metadata in the file is ignored.
 
     Raises
     ------
@@ -277,7 +299,7 @@ class Parts:
             yield read_table(path, self.columns)
 
     def by(self, column: str, kept: Callable[[Any], Any] = lambda rows: rows) -> Iterator[Any]:
-        """Rows of each value of a column in turn, where they follow each other, after `kept` of each part."""
+        """Rows of each value of a column in turn; equal values must be adjacent. `kept` filters each part."""
         import pandas as pd
 
         held: list[Any] = []

@@ -1,4 +1,4 @@
-"""``verdict.json`` as those read it who compare and list loops, also of someone else; files next to it."""
+"""Reads ``verdict.json`` to compare and list loops, also a file from someone else; files next to it."""
 
 from pathlib import Path
 from typing import Annotated, Any

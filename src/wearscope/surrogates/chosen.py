@@ -25,7 +25,7 @@ from wearscope.surrogates.surrogate import Surrogate
 
 FILLING = "filling"
 CHECKING = "checking"
-#: The runs that a chosen surrogate learns from; those of `CHECKING` are seen by no fit and no choice.
+#: Sets whose runs a chosen surrogate learns from; no fit and no choice sees the runs of `CHECKING`.
 TRAINING = (IDENTIFICATION, VALIDATION, FILLING)
 
 

@@ -32,10 +32,10 @@ CHOSEN = "chosen"
 ENOUGH = 98.0
 #: Fit [%] by which a polynomial must be better than a Gaussian process to be taken.
 MARGIN = 1.0
-#: On the lines that the scope asks about at most so many factors are off nominal: the fault and a nuisance.
+#: Largest number of factors off nominal on the lines that the scope asks about: the fault and one nuisance.
 OFF = 2
-#: Fewest runs on these lines from which their own spread is taken; a quantile would need many more, so it is
-#: the root mean square of the left-out errors in units of their stated deviation.
+#: Fewest runs on these lines that give them a spread of their own. A quantile would need many more runs, so
+#: the spread is the root mean square of the left-out errors in units of their stated deviation.
 FEWEST = 10
 _CONSTANT = 1e-12
 
@@ -183,7 +183,7 @@ def choose_surrogate(
     if asked.sum() < FEWEST:
         return ChosenSurrogate(best, tuple(names), spread), fits
     ratio = ((y - best.left_out) / best.left_out_deviation)[asked]
-    # A deviation from few values: their Student t quantile in place of the normal one.
+    # A standard deviation from few values takes the quantile of Student's t in place of the normal one.
     few = special.stdtrit(len(ratio), 0.975) / special.ndtri(0.975)
     there = float(few * np.sqrt(np.mean(ratio**2)))
     return ChosenSurrogate(best, tuple(names), spread, np.nan, there, levels), fits

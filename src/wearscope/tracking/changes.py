@@ -1,4 +1,4 @@
-"""What may change between sessions: hypotheses, each a group of columns that have another weight."""
+"""Hypotheses of what may change between sessions: each is a group of columns with other weights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect, PayloadEffect, Signals
+from wearscope.effects.base import Effect, Parameter, PayloadEffect, Signals
 from wearscope.effects.vocabulary import plain_friction, session_effects
 
 if TYPE_CHECKING:
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 #: A joint's friction as a whole, as a change and in the tables.
 FRICTION = "friction"
-#: What changes of a joint exclude each other: its friction, a torque of its position, a body on its link.
+#: Kinds of which a joint has at most one change, as with friction: torque by position, body on its link.
 PLACE, BODY = "place", "body"
-#: Nats by which each place in the vocabulary's order of changes is rarer than the one before, and by which
-#: something that has to be mounted is.
+#: Nats by which each effect in the vocabulary's order of changes is rarer than the one before; nats by which
+#: a part that must be mounted is rarer.
 _RARER, _MOUNTED = 0.3, 2.0
-#: Parameters of a body without its inertia.
+#: Number of a body's parameters without its inertia.
 _STATIC = 4
 
 
@@ -67,12 +67,12 @@ class Change:
         return list(dict.fromkeys(term.effect.name for term in self.terms))
 
     @property
-    def parameters(self) -> list[tuple[Effect, str]]:
+    def parameters(self) -> list[tuple[Effect, Parameter]]:
         """Effect and parameter of each coefficient."""
-        return [(term.effect, term.effect.coefficients[k].name) for term in self.terms for k in term.subset]
+        return [(term.effect, term.effect.coefficients[k]) for term in self.terms for k in term.subset]
 
     def spread_over(self, value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change and standard error of each coefficient, of those of the columns."""
+        """Change and standard error of each coefficient, from those of the columns."""
         if not self.weights:
             return value, error
         weights = np.array(self.weights)
@@ -89,7 +89,7 @@ def _term_columns(term: ModelTerm, signals: Signals, bodies: np.ndarray) -> np.n
     if isinstance(term.effect, PayloadEffect):
         return bodies[:, :, 10 * term.joint + np.array(term.subset)]
     if term.effect.needs_wear:
-        # At f = 1: what is estimated is the wear's torque, not how worn it is.
+        # At f = 1: the torque of the wear is estimated, not the level of wear.
         signals = replace(signals, wear=np.ones_like(signals.v))
     return term.columns(signals)
 
@@ -106,7 +106,7 @@ def make_friction_change(joint: int) -> Change:
 
 
 def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
-    """What may change: at each joint that moves in the reference, and a body on every link.
+    """All possible changes: those of each joint that moves in the reference, and a body on every link.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def list_bodies(n: int) -> list[Change]:
 
 
 def _find_kind(effect: Effect) -> str:
-    """What a joint has one change of: friction of any form, torques of its position, else the same effect."""
+    """Kind of which a joint has one change: friction of any form, torque by position, else the effect."""
     signals = set(effect.depends_on)
     if effect.is_friction and "load_{joint}" not in signals:
         return FRICTION

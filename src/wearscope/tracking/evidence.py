@@ -1,4 +1,4 @@
-"""What the rows of a session say: fits of sets of changes, and the score that compares two sets.
+"""Evidence in the rows of a session: fits of sets of changes, and the score that compares two sets.
 
 The torque that a session leaves of the reference's prediction is y = Z d + C b + e: the changes d, random
 effects b and autocorrelated noise e. Random effects are the error of the reference's parameters, temperatures
@@ -24,9 +24,10 @@ from wearscope.tracking.changes import BODY, Change
 from wearscope.tracking.rows import RunRows, reduce_columns, scatter_columns
 from wearscope.tracking.structure import Belief, Structure
 
-#: Prior scatter, as a share of the joint's friction and of its whole torque, and the sessions it is worth.
+#: Prior scatter of healthy sessions, as a share of the joint's friction and of its whole torque; number of
+#: sessions that the prior counts as.
 PRIOR_FRICTION, PRIOR_TORQUE, _PRIOR_SESSIONS = 0.01, 0.003, 3.0
-#: What each of `scatter_columns` scatters a priori.
+#: Prior scatter of each of the `scatter_columns`.
 _PRIOR = (PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_TORQUE, PRIOR_TORQUE)
 #: Rows beyond which more say nothing of a form that is not exact; share of a session's change, mean square,
 #: that no form follows; parts that are held out.
@@ -37,7 +38,8 @@ FALSE_ALARM_RATE = 0.01
 SURE = 3.0
 #: Degrees of freedom of the healthy parameters' error, and of the scatter of healthy sessions.
 _DOF, _SCATTER_DOF = 50.0, 6.0
-#: Usual RMS torque of a change as a share of the joint's friction, and of its torque for any other one.
+#: Usual RMS torque of a change: of friction, as a share of the joint's friction; of anything else, as a share
+#: of the joint's torque.
 _USUAL_FRICTION, _USUAL_TORQUE = 1.0, 0.5
 #: Errors of the reference below this share of the noise of all rows together are left out.
 _KNOWN = 0.05
@@ -162,7 +164,7 @@ class Evidence:
         return np.asarray((square / self.count[:, None]).max(axis=0))
 
     def weigh(self, variance: np.ndarray) -> None:
-        """Take `variance` (n,) as that of what is left, as it counts for the sum of a block."""
+        """Take `variance` (n,) as the variance of the residual, as it counts for the sum of a block."""
         self.variance, self.form = variance, np.zeros(self.structure.n)
         self._made: dict[tuple[str, ...], Fit] = {}
         x = np.concatenate([self.z, self.random], axis=2)
@@ -293,7 +295,7 @@ class Evidence:
         return float(high)
 
     def take_out(self) -> np.ndarray:
-        """What is left (R, n) of all changes at once, fitted so that few rows do not decide (Huber 1964)."""
+        """Residual (R, n) of all changes at once, fitted robustly against a few odd rows (Huber 1964)."""
         x = np.concatenate([self.z, self.random], axis=2)
         weight, theta = self.keep / self.variance, np.zeros(x.shape[2])
         for _ in range(FITS):

@@ -48,7 +48,7 @@ def record_healthy(reference: Reference, healthy: Sequence[Healthy]) -> list[dic
 
 
 def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What is fixed of the healthy machine."""
+    """Numbers of the healthy machine that later sessions do not change."""
     structure = reference.structure
     low, high = structure.warmth
     names = ("friction", "friction", "friction", "torque", "torque")
@@ -71,9 +71,9 @@ def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]
 def list_estimates(
     reference: Reference, evidence: Evidence, named: Sequence[Change], felt: Evidence
 ) -> dict[str, Any]:
-    """Rows of ``changes.parquet`` and series: each change given those that are named.
+    """Rows of ``changes.parquet`` and series: each change conditional on the named changes.
 
-    Of each joint's friction there is one row of its RMS torque, as it was `felt`. A series holds a change's
+    Each joint's friction has one row, of its RMS torque by the evidence `felt`. A series holds a change's
     share of its joint's friction or torque, signed, and its standard error.
     """
     structure, rows, series = reference.structure, [], {}
@@ -95,10 +95,9 @@ def list_estimates(
             continue
         values, errors = fit.values[change.key], fit.error(change)
         units = structure.position_unit[change.joint], structure.torque_unit[change.joint]
-        for (effect, name), value, half in zip(change.parameters, values, WIDTH * errors, strict=True):
-            parameter = next(x for x in effect.coefficients if x.name == name)
+        for (effect, parameter), value, half in zip(change.parameters, values, WIDTH * errors, strict=True):
+            name, unit = parameter.name, parameter.unit_at(*units)
             was = find_value(structure, reference.belief.mean, change, effect.name, name)
-            unit = parameter.unit_at(*units)
             rows.append(_row(joint, effect.name, name, unit, was, float(value), float(half), p, is_named))
     return {"rows": rows, "series": series}
 
@@ -117,7 +116,7 @@ def _row(
 
 
 def find_value(structure: Structure, mean: np.ndarray, change: Change, effect: str, parameter: str) -> float:
-    """Value of a parameter in the reference; zero of what it does not have."""
+    """Value of a parameter in the reference; zero where the reference has no such parameter."""
     for entry, span in zip(structure.entries, structure.spans, strict=True):
         if entry.effect.name == effect and entry.joint == change.joint:
             names = [entry.effect.coefficients[k].name for k in entry.subset]

@@ -31,10 +31,12 @@ from wearscope.tracking.session_runs import Frame, read_reference
 from wearscope.tracking.structure import Belief, Scales, Structure
 from wearscope.tracking.tracked_model import make_healthy_model
 
-#: Least friction of a joint, as a share of its torque, and of its residual: what a change is measured by.
+#: A change is measured by the joint's friction, or by this share of its torque or of its residual if that is
+#: more.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
-#: Mean square that a healthy session leaves over that of the others, from which it is not one with them;
-#: fewest sessions that tell which one it is; how free friction, factor and level are, over the prior scatter.
+#: A healthy session does not belong with the others from this ratio of their mean square residuals on; fewest
+#: sessions that can tell which session that is; freedom of friction, factor and level in this test, over the
+#: prior scatter.
 _BAD, _FEWEST, _FREE = 25.0, 3, 30.0
 #: How far beyond a link a body may be [m].
 _BEYOND = 0.1
@@ -42,7 +44,7 @@ _BEYOND = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What later sessions are compared with.
+    """The healthy machine, with which later sessions are compared.
 
     Attributes
     ----------
@@ -84,7 +86,7 @@ class Reference:
 
     @cached_property
     def changes(self) -> list[Change]:
-        """What may change."""
+        """Changes that a session may show."""
         return list_changes(self.structure, self.belief.mean)
 
     def weigh(
@@ -175,7 +177,7 @@ def identify_reference(
 
 
 def leave_changes(evidence: Evidence, runs: Sequence[PreparedRun]) -> list[np.ndarray]:
-    """What is left (M, n) of each run without what goes with the machine's state."""
+    """Residual (M, n) of each run without the part that depends on the machine's state."""
     ends = np.cumsum([len(run.t) for run in runs])[:-1]
     return take_out_state(runs, np.split(evidence.take_out(), ends))
 

@@ -82,13 +82,11 @@ def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
     speed, the torque's factor, and its level. The weights of the first three are shares of the joint's RMS
     friction; those of the others are shares of its torque.
     """
-    parts = []
+    s, parts = rows.signals, []
     for j in map(int, structure.moving):
-        s, part = rows.signals, np.zeros((*rows.signals.q.shape, 5))
-        part[:, j, 0] = structure.friction_column(s, j, False)
-        part[:, j, 1] = structure.friction_column(s, j, True)
-        part[:, j, 2] = part[:, j, 0] * np.exp(-np.abs(s.v[:, j]) / (_SLOW * structure.frame.top_speed[j]))
-        part[:, j, 3] = np.asarray(s.torque)[:, j]
-        part[:, j, 4] = structure.scales.torque[j]
-        parts.append(part)
+        coulomb, viscous = (structure.friction_column(s, j, of_speed) for of_speed in (False, True))
+        slow = coulomb * np.exp(-np.abs(s.v[:, j]) / (_SLOW * structure.frame.top_speed[j]))
+        level = np.full(len(s.t), structure.scales.torque[j])
+        own = np.column_stack([coulomb, viscous, slow, np.asarray(s.torque)[:, j], level])
+        parts.append(structure.place(j, own))
     return reduce_columns(rows.run, np.concatenate(parts, axis=2))

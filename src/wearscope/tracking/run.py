@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from wearscope.closed_loop.inference.policy import Policy
@@ -68,7 +67,7 @@ def write_session(
     """Compare one session with a reference that was written, and write the session's record as JSON."""
     healthy, _ = load_reference(reference, effects, allow_code)
     record = record_assessment(assess_session(read_sessions(dataset), session, healthy, level), healthy)
-    tables.write_text(path, dump(record))
+    tables.write_json(path, record)
     return record
 
 
@@ -181,7 +180,7 @@ def write_tracking(
     table = pd.DataFrame(rows, columns=_COLUMNS)
     tables.write_table(Path(folder) / "changes.parquet", table, _UNITS)
     save_model(make_tracked_model(reference.robot, worn), Path(folder) / f"model_{STAGE}.yaml")
-    tables.write_text(Path(folder) / "tracking.json", dump(told))
+    tables.write_json(Path(folder) / "tracking.json", told)
     return told
 
 
@@ -210,7 +209,7 @@ def series_key(entry: dict[str, Any]) -> str:
 
 
 def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: float) -> list[dict[str, Any]]:
-    """Straight line through each joint's friction over the later sessions, as a share of it by session."""
+    """Straight line through each joint's friction over the later sessions; slope as a share by session."""
     found = []
     for j, joint in enumerate(joints):
         values, errors = collect_series(later, f"{FRICTION}@{j}")
@@ -245,18 +244,3 @@ def tell_scatter(reference: Reference) -> list[str]:
             f"{100 * PRIOR_FRICTION:.2g} % of friction is assumed. Add healthy sessions."
         )
     return said
-
-
-def dump(content: dict[str, Any]) -> str:
-    """JSON in which what is not finite is null."""
-
-    def clean(x: Any) -> Any:
-        if isinstance(x, dict):
-            return {key: clean(value) for key, value in x.items()}
-        if isinstance(x, list | tuple):
-            return [clean(value) for value in x]
-        if isinstance(x, float | np.floating):
-            return float(x) if np.isfinite(x) else None
-        return x
-
-    return json.dumps(clean(content), indent=2) + "\n"

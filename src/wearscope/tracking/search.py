@@ -9,22 +9,22 @@ import numpy as np
 from wearscope.tracking.changes import BODY, Change
 from wearscope.tracking.evidence import SURE, Evidence, Fit
 
-#: Most steps of the search, and changes that are compared in full at each.
+#: Largest number of steps of the search, and of changes that each step compares in full.
 _STEPS, _TRIED = 30, 8
-#: Loss over that of healthy sessions from which a joint is unexplained.
+#: A joint is unexplained from this multiple of the healthy sessions' loss.
 _FAR = 4.0
 #: Least RMS torque of a change: of friction as a share of the joint's friction, of anything else as a share
 #: of the joint's torque.
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
-#: p-value above which a change may be none; how far a body's place may be off, in standard errors.
+#: p-value above which a change may be zero; tolerance of a body's place [standard errors].
 _CHANCE, _SURE = 0.05, 2.0
-#: RMS torque of two changes together, as a share of the smaller one's, below which they cancel.
+#: Two changes cancel where the RMS torque of their sum is below this share of the smaller change's.
 _CANCEL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a session shows.
+    """Result of the search in a session.
 
     Attributes
     ----------
@@ -62,7 +62,8 @@ def find_changes(evidence: Evidence, usual: np.ndarray, reach: float) -> Found:
     best = search.climb()
     moving = evidence.structure.moving
     for _ in range(2):
-        # What no change explains is noise of long memory: it must not move the healthy machine.
+        # Unexplained torque counts as autocorrelated noise: it must not distort the healthy machine's
+        # parameters.
         variance = evidence.structure.scales.noise**2
         for j in moving:
             if best.held[j] > _FAR * usual[j]:
@@ -84,7 +85,7 @@ def find_changes(evidence: Evidence, usual: np.ndarray, reach: float) -> Found:
 
 
 def _cancel(evidence: Evidence, fit: Fit, a: Change, b: Change) -> bool:
-    """Whether two changes take each other back at a joint."""
+    """Whether the torques of two changes cancel at a joint."""
     one, other = evidence.torque(fit, a), evidence.torque(fit, b)
     sizes = [np.sqrt((x**2).sum(axis=0)) for x in (one, other, one + other)]
     both = np.minimum(sizes[0], sizes[1])
@@ -107,7 +108,7 @@ class _Search:
         self.evidence, self.reach = evidence, reach
 
     def is_allowed(self, fit: Fit) -> bool:
-        """Whether each change is one of its kind at its joint, told from zero, large enough and possible."""
+        """Whether each change is the only one of its kind at its joint, significant, large and possible."""
         return len({(c.kind, c.joint) for c in fit.changes}) == len(fit.changes) and all(
             self._is_possible(fit, change) for change in fit.changes
         )
@@ -142,7 +143,7 @@ class _Search:
         if not hopeful:
             return None, 0.0
         king = hopeful[0]
-        for fit in hopeful[1:] * 2:  # against each other, since pairs differ in the rows that they are worth
+        for fit in hopeful[1:] * 2:  # pairwise, since the number of independent rows differs by pair
             king = fit if fit is not king and self.evidence.compare(king, fit) > 0.0 else king
         return king, self.evidence.compare(over, king)
 
@@ -168,7 +169,7 @@ class _Search:
         return fit
 
     def list_alike(self, fit: Fit, change: Change) -> list[Change]:
-        """Changes that explain what one of a set does, the likeliest first."""
+        """Changes that explain as much as a change of a set and could replace it, the likeliest first."""
         rest = [other for other in fit.changes if other is not change]
         able = [c for c in self.evidence.changes if c not in fit.changes]
         found = []

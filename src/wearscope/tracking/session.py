@@ -12,6 +12,7 @@ from scipy import optimize
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.events import Event, find_events, leave_out
+from wearscope.robots.spatial import Inertia
 from wearscope.tracking.changes import BODY, FRICTION, Change
 from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit
 from wearscope.tracking.reference import Reference, leave_changes
@@ -24,15 +25,16 @@ from wearscope.tracking.worn import Worn, identify_wear
 
 #: Standard errors of a 95 % interval.
 WIDTH = 2.0
-#: Kelvin beyond the reference's temperatures that are still those of the reference.
+#: A temperature counts as within the reference's range up to this many kelvin beyond it.
 _BEYOND = 1.0
-#: A change of friction of this share must be seen, were the temperature's part known; else it is said.
+#: It is reported where a change of friction by the first share could not be seen, though one by the second
+#: could if the temperature's part were known.
 _HIDDEN, _SEEN = 0.3, 0.15
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """What a session shows.
+    """Changes that a session shows, and those that it cannot tell.
 
     Attributes
     ----------
@@ -88,7 +90,7 @@ def assess_runs(
     session: str, runs: Sequence[PreparedRun], reference: Reference, notes: Sequence[str] = (),
     level: float = FALSE_ALARM_RATE,
 ) -> Assessment:  # fmt: skip
-    """What changed in a session's runs, prepared in the reference's frame."""
+    """Assess a session's runs, which were prepared in the reference's frame."""
     structure = reference.structure
     events = find_session_events(reference, runs)
     runs = leave_out(runs, events, structure.joints)
@@ -250,8 +252,8 @@ def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joi
 def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str, Any]]:
     """Entries of `tracking.json` for what a session shows, without `since`; a parameter each.
 
-    Parameters that their interval does not tell from zero are left out where another one of the change is. A
-    body is told by its mass in kg, as a point, and by its moments.
+    A parameter whose interval holds zero is left out if another parameter of the same change is significant.
+    A body is described by its mass in kg, as a point, and by its moments.
     """
     structure, entries = reference.structure, []
     for change in assessment.named:
@@ -266,21 +268,20 @@ def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str,
             "key": f"{change.effects[0] if change.kind == BODY else change.name}@{change.joint}",
         }
         sure = np.abs(value) > WIDTH * error
-        for (effect, name), x, half, is_sure in zip(
+        for (effect, parameter), x, half, is_sure in zip(
             change.parameters, value, WIDTH * error, sure, strict=True
         ):
             ends = [float(x - half), float(x + half)]
-            if change.kind == BODY and name == "mass":
+            if change.kind == BODY and parameter.name == "mass":
                 mass, low, high = weigh_change(assessment, reference, change)
                 x, ends, is_sure = mass, [low, high], True
             if effect.is_thermal or (not is_sure and sure.any()):
                 continue
-            parameter = next(p for p in effect.coefficients if p.name == name)
             entries.append(
                 {
                     "joint": structure.joints[change.joint],
                     "effect": effect.name,
-                    "parameter": name,
+                    "parameter": parameter.name,
                     "change": float(x),
                     "ci95": ends,
                     "unit": parameter.unit_at(*units),
@@ -306,7 +307,7 @@ def weigh_change(assessment: Assessment, reference: Reference, change: Change) -
 _MOST, _STEPS = 1e3, 24
 #: Usual radius of a body about its own centre, as a share of the arm's reach.
 _OWN = 0.05
-#: Usual mass of a body, over the prior standard deviation of a link's mass.
+#: Usual mass of a body, as a multiple of the prior standard deviation of a link's mass.
 _HEAVY = 3.0
 #: Rise of the misfit at the ends of a 95 % interval of one parameter.
 _RISE = 3.84
@@ -317,10 +318,7 @@ def point_parameters(mass: float, place: np.ndarray, radius: float = 0.0) -> np.
 
     `radius` is that of gyration about its own centre.
     """
-    x, y, z = place
-    own = radius**2
-    inertia = (y * y + z * z + own, -x * y, x * x + z * z + own, -x * z, -y * z, x * x + y * y + own)
-    return mass * np.array([1.0, x, y, z, *inertia])
+    return Inertia(mass, place, mass * radius**2 * np.eye(3)).to_parameters()
 
 
 def weigh_point(
@@ -375,7 +373,7 @@ def weigh_point(
             place = fit.x
             tried.append((2.0 * fit.cost, mass, place))
         found.append(tried)
-    # What a motion does not tell from an added body is none that was taken away.
+    # A body counts as removed only where the motion clearly tells it from an added one.
     added, removed = (min(cost for cost, _, _ in tried) for tried in found)
     chosen = found[1] if removed < added - _RISE else found[0]
     cost, mass, place = min(chosen, key=lambda one: one[0])

@@ -1,4 +1,4 @@
-"""The reference's structure, held: its terms along any run, and what temperature may do to them.
+"""The reference's fixed structure: its terms along any run, and how temperature may change them.
 
 What a joint's friction gains from one temperature to another is a Gaussian process with the squared
 exponential kernel, written in its features about the reference's mean temperature (Rasmussen and Williams
@@ -29,7 +29,7 @@ LENGTH = 25.0
 SLOPE = 0.03
 #: Standard deviation [K] of a temperature that nobody recorded.
 UNRECORDED = 10.0
-#: Features: beyond these nothing is left within two lengths of the mean.
+#: Number of features: higher orders are negligible within two lengths of the mean.
 _ORDERS = 8
 
 
@@ -73,7 +73,7 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What the reference's runs say of the structure's columns.
+    """Estimates of the structure's columns from the reference's runs, with their uncertainty.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Terms of the healthy machine, their shapes held.
+    """Terms of the healthy machine, with fixed shapes.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Structure:
 
     @property
     def prepared(self) -> "Structure":
-        """What the closed loop's predictions ask for the number of joints."""
+        """Itself: the closed loop's predictions read the number of joints from a `prepared` data set."""
         return self
 
     @property
@@ -170,11 +170,17 @@ class Structure:
         return replace(signals, torque=motor, lag=find_lags(model, self.theta))
 
     def friction_column(self, signals: Signals, joint: int, viscous: bool) -> np.ndarray:
-        """Torque (N,) of Coulomb or viscous friction of the RMS of all the joint's friction."""
+        """Torque (N,) of Coulomb or viscous friction whose RMS is that of all the joint's friction."""
         if viscous:
             size = self.scales.friction[joint] / self.scales.speed[joint]
             return np.asarray(size * signals.v[:, joint])
         return np.asarray(self.scales.friction[joint] * signals.sign[:, joint])
+
+    def place(self, joint: int, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, p) of one joint's torque as regressors (N, n, p)."""
+        placed = np.zeros((len(columns), self.n, columns.shape[1]))
+        placed[:, joint] = columns
+        return placed
 
     def columns(self, signals: Signals) -> np.ndarray:
         """Full-rate regressors (N, n, width); a temperature that was not recorded is taken as the mean."""
@@ -187,10 +193,8 @@ class Structure:
             warmth = signals.temperature[:, j]
             known = np.where(np.isfinite(warmth), warmth, self.temperature[j])
             features = temperature_features(known, float(self.temperature[j]))
-            for viscous in (False, True):
-                part = np.zeros((len(signals.t), self.n, features.shape[1]))
-                part[:, j] = features * self.friction_column(signals, j, viscous)[:, None]
-                parts.append(part)
+            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
+            parts += [self.place(j, features * side) for side in sides]
         if not parts:
             return np.zeros((len(signals.t), self.n, 0))
         return np.concatenate(parts, axis=2)
@@ -203,8 +207,6 @@ class Structure:
                 continue
             if np.isfinite(self.temperature[j]) and np.isfinite(signals.temperature[:, j]).all():
                 continue
-            for viscous in (False, True):
-                part = np.zeros((len(signals.t), self.n, 1))
-                part[:, j, 0] = SLOPE * UNRECORDED * self.friction_column(signals, j, viscous)
-                parts.append(part)
+            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
+            parts += [self.place(j, SLOPE * UNRECORDED * side) for side in sides]
         return np.concatenate(parts, axis=2)

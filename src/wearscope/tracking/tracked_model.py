@@ -15,12 +15,13 @@ from wearscope.effects.vocabulary import thermal_friction
 from wearscope.robots.model import RobotModel
 from wearscope.tracking.structure import Belief, Structure, count_features, temperature_features
 
-#: Stage by which the model goes: its file is ``model_tracked.yaml``.
+#: Stage in the name of the model's file, ``model_tracked.yaml``.
 STAGE = "tracked"
-#: p-value at which healthy sessions show a dependence on temperature; and the half width of the interval of
-#: a change by so many kelvin, as a share of friction, below which they show that there is little.
+#: p-value at which healthy sessions show a dependence on temperature. Otherwise the dependence is known to be
+#: small where the effect of a change by `_KELVIN` has a 95 % interval of at most this half width, as a share
+#: of friction.
 _SHOWN, _KELVIN, _NARROW = 0.01, 10.0, 0.05
-#: Span of temperatures [K] below which a slope is none.
+#: Smallest span of temperatures [K] from which a slope is taken.
 _LEAST_SPAN = 2.0
 
 
@@ -40,13 +41,7 @@ def make_healthy_model(
     """
     robot = make_corrected_model(diagnosis.prepared, model, estimate(model), STAGE)
     told = f"{diagnosis.prepared.dataset.fields.description} As its healthy sessions show it.".strip()
-    return add_effects(robot, list_thermal(structure, belief, robot)).replace(description=told)
-
-
-def add_effects(robot: RobotModel, entries: Sequence[Mapping[str, Any]]) -> RobotModel:
-    """The model with further effects."""
-    own = [entry.model_dump(mode="json", exclude_unset=True) for entry in robot.effects]
-    return robot.replace(effects=[*own, *entries])
+    return robot.add_effects(list_thermal(structure, belief, robot)).replace(description=told)
 
 
 def list_thermal(structure: Structure, belief: Belief, robot: RobotModel) -> list[dict[str, Any]]:
@@ -122,5 +117,5 @@ def make_tracked_model(healthy: RobotModel, worn: Sequence[Mapping[str, Any]]) -
     axes = [joint for joint in healthy.joints if joint in last]
     others = [joint for joint in healthy.wear_joints if joint not in last]
     wearing = sorted([*axes, *others][: len(healthy.wear_joints)], key=healthy.joints.index)
-    model = add_effects(healthy, entries)
+    model = healthy.add_effects(entries)
     return model if wearing == healthy.wear_joints else model.replace(wear_axes=wearing)

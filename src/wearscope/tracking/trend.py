@@ -52,7 +52,7 @@ def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
     segment = np.zeros(len(values), dtype=int)
     if known.sum() < 2:
         return segment
-    # In the usual noise's unit; sessions that say less than the usual one weigh less.
+    # In units of the median standard error; less certain sessions have less weight.
     signal = values[known] / np.maximum(errors[known], np.median(errors[known]))
     signal -= signal.mean()
     penalty = _PENALTY * np.log(len(signal))
@@ -73,7 +73,7 @@ def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
 
 
 def leave_healthy(segments: np.ndarray, healthy: int) -> list[int]:
-    """Segments of the sessions after the first `healthy` ones; each that is on their level by itself.
+    """Segments of the sessions after the `healthy` ones; one on the healthy level is its own segment.
 
     Parameters
     ----------

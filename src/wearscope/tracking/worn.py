@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import Effect
 from wearscope.effects.vocabulary import worn_effect
 from wearscope.tracking.changes import FRICTION, Change
 from wearscope.tracking.evidence import Evidence
@@ -22,7 +21,7 @@ from wearscope.tracking.rows import RunRows
 
 #: Widths of the bump that are tried, as shares of the joint's top speed.
 WIDTHS = np.geomspace(0.01, 1.0, 16)
-#: Draws that make an interval, and their seed.
+#: Number of draws for an interval, and their seed.
 _DRAWS, _SEED = 4000, 17
 #: Wear level at which the worn friction is as large as the healthy one.
 WHOLE = 100.0
@@ -86,7 +85,7 @@ def fit_wear(
     fits = [evidence.fit([*given, change]) for change in tried]
     misfit = [fit.strain + 0.5 * float(evidence.count @ (fit.fitted / evidence.variance)) for fit in fits]
     best = int(np.argmin(misfit))
-    # Each column is felt with the sign of the motion, so that the sum of its torques tells the sign.
+    # Each column has the sign of the motion, so the sum of the columns' sizes tells whether friction grew.
     z, value = evidence.z[:, joint, evidence.at[tried[best].key]], fits[best].values[tried[best].key]
     if float(np.sqrt((z**2).sum(axis=0)) @ value) <= 0.0:
         return None
@@ -118,6 +117,8 @@ def fit_wear(
 def record_worn(worn: Sequence[Worn], reference: Reference) -> list[dict[str, Any]]:
     """Entries of ``tracking.json``."""
     structure, effect = reference.structure, worn_effect()
+    known = {p.name: p for p in effect.parameters}
+    units = list(zip(structure.position_unit, structure.torque_unit, strict=True))
     return [
         {
             "joint": structure.joints[one.joint],
@@ -127,7 +128,7 @@ def record_worn(worn: Sequence[Worn], reference: Reference) -> list[dict[str, An
                 name: {
                     "value": one.values[name],
                     "ci95": list(interval),
-                    "unit": _unit(effect, name, one, reference),
+                    "unit": known[name].unit_at(*units[one.joint]),
                 }
                 for name, interval in one.intervals.items()
             },
@@ -135,9 +136,3 @@ def record_worn(worn: Sequence[Worn], reference: Reference) -> list[dict[str, An
         }
         for one in worn
     ]
-
-
-def _unit(effect: Effect, name: str, worn: Worn, reference: Reference) -> str:
-    structure = reference.structure
-    parameter = next(p for p in effect.parameters if p.name == name)
-    return parameter.unit_at(structure.position_unit[worn.joint], structure.torque_unit[worn.joint])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import yaml
+from changed_fields import changed_fields
 
 from wearscope.closed_loop.diagnosis import diagnose
 
@@ -72,10 +72,8 @@ def test_approximate_inertials_are_refitted_whatever_is_declared(record, pose, d
 
 
 def pose_again(folder, pose, **robot):
-    path = folder / "dataset.yaml"
-    fields = yaml.safe_load(path.read_text())
-    fields["robot"] |= robot
-    path.write_text(yaml.safe_dump(fields))
+    with changed_fields(folder / "dataset.yaml") as fields:
+        fields["robot"] |= robot
     return pose(folder)
 
 

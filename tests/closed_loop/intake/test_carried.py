@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from changed_fields import changed_fields
 
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
@@ -35,13 +36,10 @@ def test_what_is_carried(declared, own, carried):
 
 
 def test_columns_vanish_in_runs_that_carry_nothing_while_others_do(record):
-    import yaml
 
     folder = record(runs=3, duration=4.0)
-    path = folder / "dataset.yaml"
-    fields = yaml.safe_load(path.read_text())
-    del fields["runs"][1]["payload"]
-    path.write_text(yaml.safe_dump(fields))
+    with changed_fields(folder / "dataset.yaml") as fields:
+        del fields["runs"][1]["payload"]
     prepared = prepare(read_dataset(folder, find_prismatic))
     effect, last = load_effect("payload_error"), prepared.n - 1
     sizes = [float(np.abs(effect.columns(run.signals, last, np.zeros(0))).max()) for run in prepared.runs]

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from changed_fields import changed_fields
 from folders import change_runs, check, scale
 
 from benchmarks.board.generate import generate_dataset
@@ -45,9 +46,8 @@ def refuse(folder, pattern):
 
 
 def change_fields(folder, change):
-    fields = yaml.safe_load((folder / "dataset.yaml").read_text())
-    change(fields)
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+    with changed_fields(folder / "dataset.yaml") as fields:
+        change(fields)
 
 
 def swing(folder: Path, size: float, friction: float = 1.0, further=lambda q, v: 0.0, runs: int = 3) -> Path:

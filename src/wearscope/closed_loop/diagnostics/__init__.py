@@ -1,1 +1,1 @@
-"""What is looked at in addition to the verdict."""
+"""Examinations in addition to the verdict."""

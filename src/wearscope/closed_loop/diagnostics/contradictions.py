@@ -8,8 +8,8 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.regression import Regression
 
-#: Factor of the errors (RMS) of runs left out and of runs fitted, from which they contradict each other;
-#: largest share of the fitted runs' error that may remain without the others.
+#: Runs contradict the others from this ratio of errors (RMS) on, left out over fitted; without them at most
+#: this share of the fitted runs' error may remain.
 _APART, _QUIETER = 3.0, 0.7
 #: Ridge of a fit to some of the runs, of the columns' squares.
 _RIDGE = 1e-6
@@ -17,7 +17,7 @@ _RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Runs that contradict the other ones at a joint.
+    """Runs that contradict the other runs at a joint.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def _compare(parts: dict[str, tuple[np.ndarray, np.ndarray]], theta: np.ndarray)
 
 
 def _fit(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Coefficients (P,) by least squares; those that the rows do not hold stay near zero."""
+    """Coefficients (P,) by least squares; those that the rows do not determine stay near zero."""
     x, y = (np.concatenate(one) for one in zip(*parts, strict=True))
     scale = np.sqrt(np.maximum((x**2).sum(axis=0), 1e-300))
     z = x / scale
@@ -98,5 +98,5 @@ def _rms(parts: Sequence[np.ndarray]) -> float:
 
 
 def _change(parts: Sequence[np.ndarray]) -> float:
-    """Median change from row to row, in which what a model lacks has next to no part."""
+    """Median change from row to row, to which missing terms hardly contribute."""
     return float(np.median(np.abs(np.concatenate([np.diff(x) for x in parts]))))

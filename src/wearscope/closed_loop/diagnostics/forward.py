@@ -27,7 +27,7 @@ def make_reference(run: PreparedRun) -> Reference:
     """Measured motion of a run, as filtered for regression, up to `LONGEST` seconds."""
     s = run.signals
     count = min(len(s.t), int(LONGEST * run.band.rate) + 1)
-    # Recorded times wander; the filters took them for even.
+    # Recorded times jitter; the filters treat them as evenly spaced.
     t = s.t[0] + np.arange(count) / run.band.rate
     return Reference(t, s.q[:count], s.v[:count], s.a[:count])
 
@@ -46,7 +46,7 @@ def _needed(model: RobotModel) -> set[str]:
 def recorded_temperature(
     prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], count: int, start: int = 0
 ) -> np.ndarray:
-    """Joint temperatures (count, n) of a run from a sample on [deg C], for models by what messages call them.
+    """Joint temperatures (count, n) of a run [deg C], from the sample `start` on.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def compare_forward(
 
 
 def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:
-    """The model of recordings whose torque channels were moved by their delays."""
+    """The model for recordings whose torque channels were shifted by their delays."""
     if not prepared.dataset.delays:
         return model
     fields = model.to_mapping()

@@ -1,4 +1,4 @@
-"""What a residual does in time: its level shifts at a moment, or it has a line that the runs have in common.
+"""Residuals over time: their level shifts at a moment, or runs share a line of the spectrum.
 
 Noise with a memory wanders: the best placed step, and the best sine, hold much of it. So both are compared
 with what wanders too, in the residual made white by an autoregression: there a step is a lone pulse (Tsay
@@ -13,11 +13,11 @@ from scipy import stats
 
 from wearscope.closed_loop.inference.series import average, bend_line, cut_knocks, find_whitening, leave
 
-#: Fewest rows that are looked at, and most, to which more are averaged, for a shift and for a line.
+#: Fewest rows for a test; rows to which more are averaged, for a shift of level and for a spectral line.
 _FEWEST, _SHIFT_ROWS, _LINE_ROWS = 100, 200, 600
-#: Shortest level [rows]; places, or frequencies, about the best one that are compared.
+#: Shortest level [rows]; number of places, or frequencies, that are compared with the best.
 _SHORTEST, _NEAR = 5, 4
-#: Bends of the lines that a shift is compared with.
+#: Numbers of bends of the piecewise linear functions that a shift is compared with.
 _BENDS = (1, 4)
 #: Fewest periods of a line in the longest run, and highest frequency [1/row].
 _PERIODS, _HIGHEST = 2.5, 0.25
@@ -48,7 +48,7 @@ class Shift:
 
 
 def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
-    """The shift of level that fits a residual best; None where there is too little of it.
+    """The shift of level that fits a residual best; None where it has too few rows.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Line:
 
 
 def find_line(residuals: Sequence[np.ndarray], rate: float) -> Line | None:
-    """The line that fits the residuals of all runs best, whatever its phase in each; None of too little.
+    """The spectral line that fits all runs' residuals best, at any phase in each; None of too few rows.
 
     Parameters
     ----------

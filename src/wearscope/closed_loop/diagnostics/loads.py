@@ -16,9 +16,9 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import PayloadEffect
 from wearscope.effects.vocabulary import session_effects
 
-#: Share of what is left, over all joints, that loads by run explain at least.
+#: Smallest share of the residual, over all joints, that loads by run must explain.
 _MOST = 0.5
-#: Share of what refitted masses remove that a payload removes, which may be what they stand in for.
+#: A payload may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
 #: Share of a joint's torque (RMS) by which a URDF's masses are usually wrong, of which no load is told.
 _USUAL = 0.1
@@ -26,7 +26,7 @@ _USUAL = 0.1
 _DIFFERS = "The load differs between runs"
 #: Singular values of a run's load, over the largest one, that count.
 _SEEN = 1e-3
-#: Columns of a load, what is left, and columns of a model, over rows.
+#: Columns of a load, residual, and columns of a model, over rows.
 _Half = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -69,7 +69,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
-    unit = max(size[0], 1e-300)  # zero where the motion of one joint does not show a mass by itself
+    unit = max(size[0], 1e-300)  # zero where one joint's motion does not show a mass by itself
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
@@ -89,7 +89,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
 
 
 def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
-    """A sentence on each effect by the load where the corrected model's bodies have another load.
+    """A sentence on each load-dependent effect whose load differs from that of the corrected model's bodies.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def _gather(
     files: Sequence[str],
     after: Regression,
 ) -> list[list[_Half]]:
-    """By file and half of its time: columns of a load (R, P), what is left (R,), and columns of the model."""
+    """By file and half of its time: columns of a load (R, P), residual (R,), and columns of the model."""
     last = prepared.n - 1
     left = [p.run.measured - p.after for p in predicted]
     keep = [p.run.keep & prepared.moving for p in predicted]

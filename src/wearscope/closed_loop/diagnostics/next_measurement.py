@@ -32,10 +32,10 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 from wearscope.storage import tables
 
-#: Planned motions reach this many times as far from the middle of the recorded range, within the URDF's
-#: limits, and this many times as fast as the recorded ones.
+#: Reach of planned motions over that of the recorded ones, from the middle of the range and within the URDF's
+#: limits; the same ratio of speeds.
 STRETCH, FASTER = 2.0, 1.5
-#: Runs of each plan with which the plans are compared.
+#: Number of runs of each plan that is assumed when plans are compared.
 _COMPARED = 3.0
 #: Motions that are compared with every payload and temperature.
 _REFINED = 3
@@ -233,7 +233,7 @@ class _Asked:
         return any("temp" in signal or signal == "t" for signal in signals)
 
     def compare(self, plan: Plan, sums: Sums) -> None:
-        """Take a plan where it tells the names apart by more."""
+        """Keep a plan if it tells the names apart better than the best one so far."""
         self.count += 1
         both = self.rivalry.recorded.add(sums, _COMPARED)
         value = self.values[plan.cycle] = self.rivalry.score(both, self.rivalry.worst(both))
@@ -242,7 +242,7 @@ class _Asked:
 
 
 def _compare(asked: Sequence[_Asked], prepared: Prepared, plans: Iterator[Plan]) -> None:
-    """Compare plans for all that they are meant for; each is evaluated once."""
+    """Compare plans for every term that they are meant for; each plan is evaluated once."""
     model, effects = asked[0].rivalry.model, [name.effect for one in asked for name in one.rivalry.names]
     for plan in plans:
         run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)

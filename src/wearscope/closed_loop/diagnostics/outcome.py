@@ -24,7 +24,7 @@ from wearscope.robots.model import RobotModel
 
 @dataclass(frozen=True)
 class Attribution:
-    """A named term with what is known of it.
+    """A named term with its status, equivalents and evidence.
 
     Attributes
     ----------

@@ -17,9 +17,9 @@ from wearscope.robots.dynamics import Payload, RigidBody
 
 #: Length of a generated motion [s], pause between its moves [s].
 SECONDS, DWELL = 30.0, 0.1
-#: Fewest and most runs that are promised: a run that is held out must have its like among the others.
+#: Smallest and largest number of runs of a plan: each held-out run needs a similar run among the others.
 LEAST_RUNS, MOST_RUNS = 2, 6
-#: Probability of telling the names apart from which on a number of runs is promised.
+#: A number of runs is promised if it tells the names apart with this probability.
 POWER = 0.9
 #: Cold start [deg C].
 COLD = 20.0

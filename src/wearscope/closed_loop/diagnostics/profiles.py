@@ -1,4 +1,4 @@
-"""Residuals over the signals that they may depend on, in bins: what a reader of the page sees as a line."""
+"""Residuals over the signals that they may depend on, in bins, as the page draws them."""
 
 import numpy as np
 import pandas as pd

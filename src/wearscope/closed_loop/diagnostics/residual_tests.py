@@ -17,16 +17,16 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.series import bridge_uncounted
 from wearscope.closed_loop.intake.prepared import PreparedRun
 
-#: p-value of a mean, or of a difference between runs, over the joints; standard deviations of chance from
-#: which what two runs have in common is there.
+#: p-value of a mean, or of a difference between runs, over the joints; standard deviations from which
+#: agreement of two runs is not due to chance.
 LEVEL, _SURE = 0.005, 4.0
-#: Share of what is left of a single recording from which a level is told.
+#: Share of a single recording's residual from which a level is reported.
 _MOST = 0.7
-#: Factor of two errors (RMS) from which a model does not carry over to other motions.
+#: Ratio of two errors (RMS) from which a model does not carry over to other motions.
 _ALIKE = 1.5
-#: Least deviance of shifts of level: in 600 series of a kind, those of noise and drifts reach 25.
+#: Least deviance of shifts of level: in 600 simulated series, noise and drifts reach 25.
 _SHIFTED = 30.0
-#: Signals that what differs by run may go with.
+#: Signals with which a difference between runs may vary.
 _SIGNALS = ("load_{joint}", "qdd_{joint}", "sign_qd_{joint}", "qd_{joint}")
 
 
@@ -81,7 +81,7 @@ def measure_rms(parts: Sequence[Residual]) -> float:
 def see_motion(
     train: Sequence[Residual], test: Sequence[Residual], repeats: Sequence[tuple[int, int]]
 ) -> list[Seen]:
-    """What depends on the motion, though no signal tells it: it repeats, or has one mean in every run.
+    """Structure that depends on the motion through no known signal: it repeats, or has one mean in every run.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def see_motion(
         if len(x) < 100:
             continue
         size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
-        # What autocorrelated noise gives by chance: the same runs, shifted against each other.
+        # Agreement by chance under autocorrelated noise: the same runs, shifted against each other.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         share, *chance = (float(np.mean(x * np.roll(y, int(k)))) / size for k in (0.0, *shifts))
         if share > max(_SURE * float(np.sqrt(np.mean(np.square(chance)))), np.abs(chance).max()):
@@ -106,7 +106,7 @@ def see_motion(
 
 
 def _see_mean(train: Sequence[Residual], test: Sequence[Residual]) -> list[Seen]:
-    """A mean of one sign and about one size in every run, those of the test too, or of a single recording."""
+    """A mean of the same sign and about the same size in every run, test runs included."""
     counted = [one.counted for one in (*train, *test) if one.keep.any()]
     means = np.array([x.mean() for x in counted])
     if len({one.run.file for one in train}) == 1 and train[0].keep.any():
@@ -125,7 +125,7 @@ def _see_mean(train: Sequence[Residual], test: Sequence[Residual]) -> list[Seen]
 
 
 def see_runs(train: Sequence[Residual], joint: int, name: str, joints: int) -> list[Seen]:
-    """What differs from run to run, which held-out runs do not see: friction, inertia, a load, an offset.
+    """Differences from run to run, which held-out runs do not show: friction, inertia, a load, an offset.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def see_runs(train: Sequence[Residual], joint: int, name: str, joints: int) -> l
 
 
 def compare_runs(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether slopes of runs differ by more than those of a run's halves do, as those of a drift do not.
+    """Whether slopes differ more between runs than between the halves of a run; those of a drift do not.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _fit_alone(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _take_signals(one: Residual, joint: int) -> np.ndarray:
-    """A constant and the signals that what differs may go with, in the rows that count."""
+    """A constant and the signals with which a difference may vary, in the rows that count."""
     s = one.run.signals
     signals = np.column_stack([x[:, joint] for x in (one.run.known, s.a, s.sign, s.v)])
     columns = one.run.reduce(signals)[one.keep]
@@ -197,7 +197,7 @@ def _take_signals(one: Residual, joint: int) -> np.ndarray:
 
 
 def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Policy) -> list[Seen]:
-    """A shift of level at a moment of each run, or a line, by all runs together.
+    """A shift of level at one moment of each run, or a spectral line, tested on all runs together.
 
     Parameters
     ----------
@@ -229,10 +229,10 @@ def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Pol
 
 
 def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0) -> list[Seen]:
-    """A test error beyond the training runs' own, and beyond what those differ by (a drift's do).
+    """A test error above the training runs' errors, and above their scatter, as of a drift.
 
-    What few runs differ by says next to nothing of how far another one may lie: it is not asked beyond the
-    largest of theirs by the square of what makes two errors unlike. Of runs that are noisier, more is noise.
+    The scatter of few runs hardly tells how far another run may lie. So the limit is at most the largest
+    training error times the squared ratio of unlike errors. Noisier test runs may have a larger error.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0
         usual = logs.mean() + stats.t.isf(LEVEL, len(logs) - 1) * width
         if np.log(test) < min(usual, logs.max() + 2.0 * np.log(_ALIKE)):
             return []
-    # The test error's excess, in units of the training error, as the other shares are.
+    # Excess of the test error, over the training error as the other shares.
     share = min((test / own) ** 2 - 1.0, 1.0)
     return [Seen(share, [], f"the test runs' error is {error / own:.1f} times the training runs'")]
 
@@ -259,7 +259,7 @@ def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0
 def compare_noise(train: Sequence[np.ndarray], test: Sequence[np.ndarray]) -> float:
     """How many times as noisy the test runs are, at least 1, from residuals (N_r,) before the common filter.
 
-    By the median change from sample to sample, in which what a model lacks has next to no part.
+    It is measured by the median change from sample to sample, to which missing terms hardly contribute.
     """
     sizes = [float(np.median(np.abs(np.concatenate([np.diff(x) for x in one])))) for one in (train, test)]
     return max(1.0, sizes[1] / sizes[0]) if sizes[0] > 0.0 else 1.0

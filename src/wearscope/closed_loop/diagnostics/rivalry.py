@@ -14,13 +14,13 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import reduce_columns
 from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
 
-#: Shapes of a name, of those that its search starts from, that represent all of them.
+#: Number of start shapes that represent all shapes of a name.
 _SHAPES = 9
-#: Factors on its estimated shape parameters, for what refining a shape, or a faster motion, reaches.
+#: Factors on estimated shape parameters, for values that refining a shape or a faster motion may reach.
 _REFINED = ((0.5, 1.0, 2.0, 4.0), (0.6, 1.0, 1.6))
 #: Standard errors, and share of the loss left, by which two names must differ to be told apart.
 ERRORS, MATERIAL = 2.0, 0.02
-#: Longest autocorrelation of the residual that is summed [rows].
+#: Longest lag of the residual's autocorrelation that is summed [rows].
 _LAGS = 40
 
 
@@ -36,7 +36,7 @@ class Name:
 
 @dataclass(frozen=True)
 class Along:
-    """A run as a model has it: signals with the torques that terms act on, columns (M, n, P) of its terms."""
+    """A run under a model: signals with the torques that terms act on, and columns (M, n, P) of its terms."""
 
     run: PreparedRun
     signals: Signals
@@ -52,7 +52,7 @@ class Along:
 
 
 def look_along(model: Regression, run: PreparedRun, effects: Sequence[Effect]) -> Along:
-    """A planned run as a model has it, to be asked about effects."""
+    """A planned run under a model, with what some effects need."""
     every, signals = (*effects, *(entry.effect for entry in model.entries)), run.signals
     if any(isinstance(effect, MeasurementEffect | TransmissionEffect) for effect in every):
         planned = copy(model)
@@ -80,14 +80,14 @@ class Sums:
     parts: tuple[tuple[float, np.ndarray], ...]
 
     def add(self, other: "Sums", times: float = 1.0) -> "Sums":
-        """These runs and `times` another."""
+        """Sums of these runs and of another, the latter `times` times."""
         more = tuple((times * count, x) for count, x in other.parts)
         return Sums(self.gram + times * other.gram, self.rows + times * other.rows, self.parts + more)
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """How far a name is from what another one, refitted with all else, makes of it.
+    """Distance of a name's torque from the best fit by another name and all other terms.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class Rivalry:
         return best
 
     def contrast(self, sums: Sums, true: int, model: int) -> Contrast:
-        """How one name's torque, if it is the truth, differs from what another name makes of it."""
+        """Difference of one name's torque, if it is the truth, from the best fit by another name."""
         p = len(self.base)
         left, beta = self._project(sums.gram), self.betas[true]
         whole = float(beta @ left @ beta)
@@ -230,8 +230,8 @@ class Rivalry:
     def score(self, sums: Sums, contrast: Contrast) -> float:
         """Standard errors by which held-out losses tell the names apart, beyond those that are asked for.
 
-        The error of a sum over blocks holds the noise and how unevenly the evidence lies: what stands in a
-        few blocks may be chance.
+        The standard error of a sum over blocks includes the noise and the uneven spread of the evidence: what
+        only a few blocks show may be chance.
         """
         energy = 0.0
         for count, x in sums.parts:
@@ -244,7 +244,7 @@ class Rivalry:
         return (contrast.evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error
 
     def _measure_inflation(self, joint: int) -> float:
-        """Variance of a sum of residuals over that of as many independent ones."""
+        """Variance of a sum of residuals, over the variance that it would have if they were independent."""
         total, zero = 0.0, 0.0
         for r, w in zip(self.model.residuals(self.theta), self.model.weights, strict=True):
             x = (r * w)[:, joint]
@@ -259,13 +259,13 @@ class Rivalry:
 
 
 def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Least squares with directions that the model spans left at next to nothing."""
+    """Least squares in which directions that the model spans stay near zero."""
     return np.linalg.solve(inner + np.diag(1e-7 * size + 1e-30), score)
 
 
 def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
     """Shapes (S, k) and those about them that refining them reaches, within their bounds."""
-    if effect.periodic:  # the wavenumber is found to far less than a factor
+    if effect.periodic:  # a wavenumber is known to far less than these factors
         return shapes
     for factors, k in zip(_REFINED, effect.estimated_shapes(), strict=False):
         parameter = effect.shape[k]

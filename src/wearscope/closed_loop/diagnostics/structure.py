@@ -1,4 +1,4 @@
-"""State of each joint: what is left there is noise, or structure that no name and no generic term holds."""
+"""State of each joint: its residual is noise, or structure that no name and no generic term explains."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ State = Literal["explained", "corrected", "unexplained", "not_judged"]
 
 @dataclass(frozen=True)
 class JointState:
-    """What is left at a joint.
+    """Structure in a joint's residual.
 
     Attributes
     ----------
@@ -60,8 +60,8 @@ def judge_joints(
 ) -> list[JointState]:
     """State of every joint, from what the corrected model leaves of the training runs.
 
-    Autocorrelated noise is noise; what depends on the motion, differs by run or changes in time, or makes the
-    test runs' error larger than the training runs', is not.
+    Autocorrelated noise counts as noise. A residual is structure if it depends on the motion, differs by run,
+    changes in time, or makes the test runs' error larger than the training runs'.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def judge_joints(
             corrected = any(term.joint == j for term in named)
             states.append(JointState(j, "corrected" if corrected else "explained"))
             continue
-        # Seen in the training runs, it says more than that the test runs' error is large.
+        # Structure in the training runs tells more than a large error on the test runs.
         most = max(inside or seen, key=lambda one: one.share)
         size = np.sqrt(min(most.share, 1.0)) * rms
         if not inside:
@@ -134,7 +134,7 @@ def _from_left(left: Mapping[int, Left], joint: int) -> list[Seen]:
 def _from_withdrawn(
     prepared: Prepared, withdrawn: Sequence[tuple[ModelTerm, float, str]], joint: int
 ) -> list[Seen]:
-    """What training runs have by a name that the test runs do not bear out."""
+    """Structure in the training runs that a name explains which the test runs do not confirm."""
     seen = []
     for term, share, why in (one for one in withdrawn if one[0].joint == joint):
         depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))

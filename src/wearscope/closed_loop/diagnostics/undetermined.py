@@ -9,7 +9,7 @@ from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.effects.effect import PAYLOAD, SLOW_MOTION, TEMPERATURE
 
-#: Share of the largest speed below which friction falls with speed where there is a Stribeck effect.
+#: A Stribeck effect acts below this share of the largest speed.
 _SLOW = 0.05
 _COLD_SPAN = 10.0
 

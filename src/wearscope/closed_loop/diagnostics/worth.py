@@ -1,4 +1,4 @@
-"""What a correction is worth at each joint: what became of the error, and whether what is left is judged."""
+"""Worth of a correction at each joint: its change of the error, and whether the residual is judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,10 +11,10 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import Predicted, bootstrap_change, pooled_rms
 
 Error = Literal["smaller", "same", "larger"]
-#: Share of the torque (RMS) from which what is left is no small rest, whatever it looks like.
+#: Share of the torque (RMS) from which a residual is large, even if it looks like noise.
 _HALF = 0.5
 _SEED = 29
-#: Change of an error below which two models differ by the arithmetic's rounding alone [%].
+#: Change of an error that rounding alone explains [%].
 _ROUNDING = 1e-6
 
 

@@ -19,7 +19,7 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import make_candidate
 from wearscope.effects.base import MeasurementEffect
 
-#: Times that names and reversals are settled by turns.
+#: Largest number of rounds in which names and reversals are settled in turn.
 _TURNS = 3
 
 
@@ -46,7 +46,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Left:
-    """What is left at a joint that a term could explain, which is not taken.
+    """Residual at a joint that a term could explain which was not accepted.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a search ends with.
+    """Result of a search.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def find_terms(
 def take_over(problem: Problem, start: Model) -> Model:
     """The terms of another model of the same machine, made along a problem's data.
 
-    An error of the record acts on the torque that the other terms predict, so that it is made last.
+    An error of the recording acts on the torque that the other terms predict, so it comes last.
     """
     terms: list[Term] = []
     errors = [t for t in start.terms if t.model_term.is_measurement_error]
@@ -196,13 +196,13 @@ def take_over(problem: Problem, start: Model) -> Model:
 
 
 def _share(given: Model, made: Model, joints: Sequence[int]) -> float:
-    """Largest share of a joint's held-out loss that one model removes of another's."""
+    """Largest share of another model's held-out loss that one model removes at a joint."""
     lost, left = given.fit.held_out, made.fit.held_out
     return max(float(1.0 - left[j] / max(lost[j], 1e-300)) for j in joints)
 
 
 def _join_parts(terms: Sequence[Term]) -> list[Term]:
-    """Terms, those of one effect with one shape at a joint as one: a search may find its parts in turn."""
+    """Terms; those with the same effect, shape and joint are joined, as a search may find parts in turn."""
     parts: dict[tuple, list[Term]] = {}
     for term in terms:
         parts.setdefault((term.model_term.label, term.model_term.shape), []).append(term)
@@ -211,7 +211,7 @@ def _join_parts(terms: Sequence[Term]) -> list[Term]:
 
 
 def _judge(moves: Moves, model: Model, term: Term) -> Found:
-    """A term with its odds against all that was asked in its place."""
+    """A term with its odds against all alternatives that were tried in its place."""
     rest = model.without(term)
     share = _share(rest, model, term.candidate.joints)
     against = [moves.score.compare(model, rest)]
@@ -228,7 +228,7 @@ def _judge(moves: Moves, model: Model, term: Term) -> Found:
 
 
 def _is_told_apart(better: Model, worse: Model, term: Term) -> bool:
-    """Whether two models' held-out losses differ by more than twice the error of that, by blocks."""
+    """Whether two models' held-out losses differ by more than twice the standard error, by blocks."""
     layout = better.problem.gram.layout
     change = np.zeros(len(layout.blocks))
     for j in term.candidate.joints:
@@ -252,9 +252,9 @@ def _tell_dependence(one: Dependence) -> Left:
 
 
 def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, Left]]:
-    """The model without names of a joint that one effect of unbelievable size explains better than they do.
+    """The model without the names at a joint that one effect of unbelievable size explains better.
 
-    Such names share between them what that effect would be: the joint is left open, and the effect is told.
+    Such names only share that effect between them: the joint stays open, and the effect is reported.
     """
     left = {}
     joints = model.problem.prepared.dataset.joints
@@ -273,7 +273,7 @@ def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, 
 
 
 def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[int, Left], dict[int, str]]:
-    """By joint, what would explain the rest and is not believed, and a sentence on names with low odds."""
+    """By joint, candidates that would explain the rest but are not believed; a sentence on low odds."""
     problem, policy = model.problem, moves.score.policy
     names = problem.prepared.dataset.joints
     left: dict[int, Left] = {}
@@ -315,7 +315,7 @@ def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[i
 
 
 def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
-    """Each candidate conditional on a model: what held-out runs say of it, and why it was taken or not."""
+    """Each candidate conditional on a model: gain on held-out runs, and why it was taken or not."""
     joints = model.problem.prepared.dataset.joints
     rows = []
     taken = {t.key for t in model.terms}
@@ -349,7 +349,7 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
 
 
 def _list_taken(model: Model) -> list[tuple[Model, Offer]]:
-    """A model's terms as offers to the model without each."""
+    """Each of a model's terms as an offer to the model without it."""
     offers = []
     for term in model.terms:
         rest = model.without(term)

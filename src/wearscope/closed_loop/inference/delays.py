@@ -1,9 +1,9 @@
-"""Whether what delays a joint's whole torque is one: the same away from reversals, and at low frequencies.
+"""Whether a joint's torque is truly delayed: a delay is the same away from reversals and at low frequencies.
 
-The form of a friction's reversal looks like a delay where the joint reverses. Noise of the torque inside a
-position loop moves the joint, the more the nearer to the loop's own bandwidth: what is left of the torque
-then goes with the motion that it caused, by a time that grows with the frequency (Soderstrom and Stoica 1989,
-System Identification, ch. 10), where a delay is one time at all frequencies.
+The form of a friction's reversal looks like a delay where the joint reverses. Torque noise inside a position
+loop moves the joint, most of all near the loop's bandwidth. The residual torque then follows the motion that
+it caused, with a lag that grows with the frequency (Soderstrom and Stoica 1989, System Identification, ch.
+10), whereas a delay is the same time at all frequencies.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from wearscope.effects.base import Effect, MeasurementEffect
 
 #: Factor within which a delay is the same in a part of the torque.
 _ALIKE = 1.5
-#: Share of a joint's largest speed above which it is away from its reversals, and of the rows that must be.
+#: A joint is away from its reversals above this share of its largest speed; this share of its rows must be.
 _AWAY = 0.2
 #: Share of the common cut-off below which a delay must be the same: two octaves away from frequencies at
 #: which a position loop answers the noise of the torque.
@@ -34,7 +34,7 @@ def _is_alike(delay: float, other: float) -> bool:
 
 
 def lags_away_from_reversals(given: Fit, term: Term, speed: np.ndarray) -> bool:
-    """Whether a delay is alike where its joint does not reverse; also where too few rows can say.
+    """Whether a delay is the same where its joint does not reverse; True also where too few rows tell.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def lags_away_from_reversals(given: Fit, term: Term, speed: np.ndarray) -> bool:
 
 
 def lags_slow_torque(given: Fit, term: Term) -> bool:
-    """Whether a delay is alike far below the common cut-off, or cannot be told from one that is.
+    """Whether a delay may be the same far below the common cut-off.
 
-    To be asked conditional on all else that was found: what a poorer model leaves there may be anything.
+    Test it conditional on all other terms that were found: a poorer model may leave anything there.
     """
     own = float(given.add(term.candidate, term.subset).beta[term.shape, 0])
     beta, error = fit_below(given, term, _SLOW * given.gram.layout.prepared.band.torque)
@@ -82,7 +82,7 @@ def fit_below(given: Fit, term: Term, cutoff: float) -> tuple[float, float]:
     layout, joint = given.gram.layout, term.joint
     own = term.at_joint(joint)[:, :1]
     rate = layout.prepared.band.rate / layout.prepared.band.stride
-    # About the model as all joints fit it: what they know of its coefficients holds there.
+    # Linear about the model that all joints fit: what they tell of its coefficients holds here too.
     columns = given.columns(joint)
     both = np.concatenate([columns, own, given.leave(joint)[:, None]], axis=1)
     kept = layout.unpack(layout.keep[:, joint])

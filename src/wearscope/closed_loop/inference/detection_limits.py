@@ -1,4 +1,4 @@
-"""How large an effect may be and get no name: hidden by noise, or taken up by the model's own parameters."""
+"""How large an effect may be without a name: noise hides it, or the model's own parameters absorb it."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from wearscope.effects.base import MeasurementEffect
 
 #: Share of a joint's torque (RMS) from which a limit is told in words.
 LARGE = 0.05
-#: Square of a column that is zero, as of a joint that rests: above rounding of zero, below all that is there.
+#: A column with a smaller square counts as zero, as at a joint that rests.
 _NOTHING = 1e-200
 
 

@@ -16,9 +16,9 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
 from wearscope.closed_loop.model.terms import Candidate
 
-#: Prior precision of every coefficient, of the information on it: for what the runs do not determine at all.
+#: Ridge on every coefficient, as a share of its information, for those that the runs do not determine.
 _TINY = 1e-10
-#: Part of a column, of its square, that a model is taken to leave where it absorbs the column to rounding.
+#: Share of a column's square that a model leaves at least, even where it absorbs the column to rounding.
 _ROUNDING = 1e-9
 
 
@@ -180,7 +180,7 @@ class Fit:
         return out
 
     def _scale_of(self, candidate: Candidate) -> float:
-        """Residual variance in which a candidate's prior is; one where it is absolute."""
+        """Residual variance that is the unit of a candidate's prior; 1 where the prior is absolute."""
         return float(self.sigma[candidate.joint] ** 2) if candidate.effect.empirical else 1.0
 
     @cached_property
@@ -254,13 +254,13 @@ class Fit:
 
     @cached_property
     def by_fold(self) -> np.ndarray:
-        """Sum of squares (n, F) that it leaves of a joint's rows that each fold holds out."""
+        """Sum of squares (n, F) that the model leaves in the held-out rows of each fold."""
         test = self.gram.layout.units.test
         return np.array([self._measure(j, test, self.solved[1][1:]) for j in range(len(self.at))])
 
     @cached_property
     def held_out(self) -> np.ndarray:
-        """Sum of squares (n,) that it leaves of rows that are held out."""
+        """Sum of squares (n,) that the model leaves in held-out rows."""
         return np.asarray(self.by_fold.sum(axis=1))
 
     @cached_property
@@ -292,17 +292,17 @@ class Fit:
         return np.asarray(self.gram.target[:, joint] - self.predict(joint))
 
     def leave_held_out(self, joint: int) -> np.ndarray:
-        """The same with each row's fold held out."""
+        """Torque (M,) that the model leaves at a joint, each row's fold held out."""
         left, columns = self.gram.target[:, joint].copy(), self.columns(joint)
         for rows, theta in zip(self.gram.layout.units.test_rows, self.solved[1][1:], strict=True):
             left[rows] -= columns[rows] @ theta[self.at[joint]]
         return np.asarray(left)
 
     def settle_scale(self) -> np.ndarray:
-        """Residual scale (n,) by which the model is weighed and which it then leaves.
+        """Residual scale (n,) that agrees with the fit that is weighed by it.
 
-        What is felt at several joints is fitted to each of them by its weight, which is what that leaves
-        there: the likelihood's maximum over both, by turns (Oberhofer and Kmenta 1974, Econometrica 42(3)).
+        Effects felt at several joints are fitted to each joint by its weight, which depends on the residual
+        there. Settling both in turn maximises the likelihood (Oberhofer and Kmenta 1974, Econometrica 42(3)).
         """
         if not any(len(term.candidate.joints) > 1 for term in self.terms):
             return np.asarray(np.sqrt(np.maximum(self.fitted / self.gram.count, 1e-18)))

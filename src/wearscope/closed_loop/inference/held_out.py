@@ -9,18 +9,18 @@ from wearscope.closed_loop.inference.layout import Layout
 
 
 def total(units: np.ndarray, by_unit: np.ndarray) -> np.ndarray:
-    """Sums (..., *) over units (..., U) of what there is by unit (U, *)."""
+    """Sums (..., *) of values by unit (U, *), over chosen units (..., U)."""
     flat = units @ by_unit.reshape(len(by_unit), -1)
     return flat.reshape(*units.shape[:-1], *by_unit.shape[1:])
 
 
-#: Ridge of the model's parameters and of a spline's heights, of the information on them.
+#: Ridge on the model's parameters and on a spline's heights, as shares of their information.
 _TINY, _RIDGE = 1e-10, 1e-9
 
 
 @dataclass(frozen=True)
 class Target:
-    """Torques (S of them) to explain, and what the model makes of them.
+    """Torques to explain (S of them), and the model's fit to each.
 
     Attributes
     ----------
@@ -66,7 +66,8 @@ class HeldOut:
         whole = np.ones((1, units.count))
         self.train, self.test = np.concatenate([units.train, whole]), np.concatenate([units.test, whole])
         self.model = model[self.order]
-        # By the columns' own array, which is kept so that no other one has its number.
+        # Keyed by the identity of the columns' array, which is kept so that no other array gets the same
+        # identity.
         self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self.gram = self._sum(self.model, self.model)
         self.held = total(self.test, self.gram)

@@ -38,9 +38,10 @@ def is_law(effect: Effect) -> bool:
     return not effect.standard and not effect.empirical and set(effect.depends_on) <= _OWN_SPEED
 
 
-#: Sum of squares, of what the present law leaves, from which another one at its start is not fitted further.
+#: A law that starts with more than this multiple of the present law's sum of squares is not fitted further.
 _HOPELESS = 4.0
-#: Most steps of the fit; share of the sum of squares below which a step is the last.
+#: Largest number of steps of the fit; the fit ends with a step that gains less than this share of the sum of
+#: squares.
 _STEPS, _NEAR = 12, 1e-3
 
 
@@ -48,10 +49,11 @@ def fit_law(
     prepared: Prepared, model: Fit, joint: int, own: Term | None, effect: Effect,
     shapes: np.ndarray,
 ) -> tuple[np.ndarray, Reversals] | None:  # fmt: skip
-    """Shape of a law of a joint's speed, in the place of a term, and the reversal that fits best with it.
+    """Shape of a friction law in the place of a term, and the reversal that fits best with it.
 
-    From the best of the shapes and of some widths on, within the range of the shapes' positive numbers and up
-    to a width that drives have (variable projection, Golub and Pereyra 1973).
+    The fit starts from the best of the shapes and of some widths. It stays within the range of the shapes'
+    positive numbers and below the largest width that drives have (variable projection, Golub and Pereyra
+    1973).
 
     Parameters
     ----------
@@ -124,5 +126,5 @@ class _LawFit:
 
 
 def _leave_bounded(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
-    """What columns leave whose coefficients are not below bounds."""
+    """Residual of columns whose coefficients have lower bounds."""
     return np.asarray(y - x @ fit_bounded(x, y, low, np.full(x.shape[1], np.inf))[1])

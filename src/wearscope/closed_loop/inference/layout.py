@@ -10,7 +10,7 @@ from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
 
-#: Blocks that are joined to sums, for the memory of what is left.
+#: Numbers of neighbouring blocks that are summed, to estimate the residual's autocorrelation.
 _JOINED = (1, 2, 4, 8, 16, 32)
 
 
@@ -39,7 +39,7 @@ class Units:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of units."""
         return self.train.shape[1]
 
     @cached_property
@@ -95,7 +95,7 @@ class Layout:
 
     @cached_property
     def by_fifths(self) -> "Layout":
-        """The same with fifths of every recording held out."""
+        """Units of a layout with fifths of every recording held out."""
         other = Layout(self.prepared, self.blocks, hold_out_fifths(self.blocks, self.folds))
         other.__dict__.update(keep=self.keep, run_of=self.run_of, by_fifths=other)
         return other

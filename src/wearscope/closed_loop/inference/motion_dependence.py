@@ -27,17 +27,17 @@ from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen, name_signals
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Most rows of a joint that are asked, fewest.
+#: Largest and smallest number of rows of a joint that are tested.
 _MOST_ROWS, _LEAST_ROWS = 3000, 60
-#: Surrogates at a time; the first of them end most questions.
+#: Surrogates drawn at once; the first batch settles most tests.
 _AT_ONCE = 99
-#: Nearest and furthest that a run is moved, of its length.
+#: Smallest and largest shift of a run, over its length.
 _MOVED = (0.15, 0.85)
 
 
 @dataclass(frozen=True)
 class Dependence:
-    """What of a residual depends on the motion.
+    """The part of a residual that depends on the motion.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class _Spline:
 def find_dependence(
     problem: Problem, fit: Fit, joints: Sequence[int], policy: Policy
 ) -> dict[int, Dependence]:
-    """What a model leaves at joints that depends on the motion beyond chance.
+    """Parts of the joints' residuals that depend on the motion beyond chance.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def score_gains(own: np.ndarray, gains: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _log_gain(share: np.ndarray) -> np.ndarray:
-    """Logarithm of a loss over what is left of it, which has next to no upper end."""
+    """Logarithm of a loss over its remainder, which is hardly bounded above."""
     return np.asarray(-np.log(np.maximum(1.0 - share, 1e-6)))
 
 
@@ -168,7 +168,7 @@ def move(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def mix_phases(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """The same with its straight line's level and slope of either sign, and random phases of the rest."""
+    """A run's residual (M,) with random phases, and random signs of its level and slope, (M, count)."""
     n = len(x)
     along = np.linspace(-1.0, 1.0, n)
     slope, level = np.polyfit(along, x, 1)
@@ -178,9 +178,9 @@ def mix_phases(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
     return np.asarray(mixed + slope * along[:, None] * turned[0] + level * turned[1])
 
 
-#: Times over which the past fades [s], and the longest, of the shortest run: longer ones go with time.
+#: Time constants of the past [s]; the longest one, over the shortest run: a longer one would resemble time.
 _MEMORIES, _LONGEST = (0.3, 1.0, 3.0, 10.0), 0.2
-#: What fades, with the codes of its signals.
+#: Signals that are filtered to their past, with the codes of the signals they are made of.
 _FADING: tuple[tuple[tuple[str, ...], Callable[[Signals, int], np.ndarray]], ...] = (
     (("qd",), lambda s, j: s.v[:, j]),
     (("qd",), lambda s, j: np.abs(s.v[:, j])),

@@ -17,13 +17,13 @@ from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.terms import make_candidate
 
-#: Offers that are scored at each step, of what gains most on the rows it is fitted on.
+#: Number of offers scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
 #: Offers of a joint that are tried in pairs.
 _PAIRED = 6
-#: Most moves; far more than any model of a robot has terms.
+#: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
-#: Change of a reversal's width, of itself, from which columns are made anew.
+#: Relative change of a reversal's width from which columns are computed again.
 _SETTLED = 0.01
 _NO_DELAY = "no delay: it differs away from reversals or at low frequencies"
 #: Nats by which a name must raise the score: odds of three to one on top of its prior's.
@@ -32,7 +32,7 @@ SURELY = 1.0
 
 @dataclass
 class Moves:
-    """Moves from a model on.
+    """Moves that turn a model into a more probable one.
 
     Attributes
     ----------
@@ -62,8 +62,8 @@ class Moves:
     def climb(self, model: Model) -> Model:
         """The model that no single move makes more probable.
 
-        Pairs of models are compared, so that no order of all of them is sure: no term is added or exchanged
-        that makes a model which was left.
+        Only pairs of models are compared, which need not give one order of all. So no move returns to a model
+        that was left.
         """
         for _ in range(_MOST):
             moved = (
@@ -82,11 +82,11 @@ class Moves:
         return model
 
     def is_new(self, model: Model) -> bool:
-        """Whether no model with the same terms was left."""
+        """Whether no model with the same terms was left before."""
         return model.keys not in self.left
 
     def refuse_delays(self, model: Model) -> Model | None:
-        """A model without a delay that is none at low frequencies; it is not offered again."""
+        """A model without delays that vanish at low frequencies; these are not offered again."""
         for term in (t for t in model.terms if is_lag(t.effect)):
             rest = model.without(term)
             if not lags_slow_torque(rest.fit, term):
@@ -96,7 +96,7 @@ class Moves:
         return None
 
     def settle(self, model: Model, forms: bool = True) -> Model:
-        """The same with the widths and forms of reversals fitted, its columns made anew along them."""
+        """The model with fitted widths and forms of reversals, and its columns along them."""
         old = model.problem.prepared.reversals
         fitted = refine_reversals(model.problem.prepared, model.fit, forms)
         moved = fitted.differ(old, _SETTLED)
@@ -115,7 +115,8 @@ class Moves:
     def drop(self, model: Model, may_go: Callable[[Term], bool] = lambda term: True) -> Model | None:
         """A model without one of the terms, where that is more probable.
 
-        What is missing yet can hide plain friction, which others refine: it goes once nothing else is added.
+        Missing terms can hide plain friction, which others refine: it is dropped only once nothing else is
+        added.
         """
         for term in sorted(filter(may_go, model.terms), key=lambda t: t.effect.standard):
             rest = model.without(term)
@@ -134,7 +135,7 @@ class Moves:
         return model
 
     def add(self, model: Model) -> Model | None:
-        """A model with the best term more at each group of coupled joints, where that is more probable."""
+        """A model with the best further term at each group of coupled joints, where that is more probable."""
         n = model.problem.prepared.n
         offers = self.list_offers(model, range(n))
         taken, reached = model, set[int]()
@@ -150,7 +151,7 @@ class Moves:
         return taken.rescale() if taken is not model else None
 
     def add_pair(self, model: Model) -> Model | None:
-        """A model with two terms more at a joint, which hide each other, where that is more probable."""
+        """A model with two more terms at a joint that hide each other, where that is more probable."""
         best, most = None, 2.0 * SURELY
         offers = self.list_offers(model, range(model.problem.prepared.n))
         for joint in range(model.problem.prepared.n):
@@ -191,7 +192,7 @@ class Moves:
     def split(self, model: Model) -> Model | None:
         """A model with several terms in the place of one of the whole robot, where that is more probable.
 
-        Its many parameters follow what several joints have, of which each alone explains a part.
+        Such a term has many parameters, and can imitate effects of several joints that each explain a part.
         """
         if model.keys in self.whole:
             return None
@@ -256,7 +257,7 @@ class Moves:
         return model
 
     def asks_for_law(self, model: Model, joint: int) -> bool:
-        """Whether a joint's reversal is too wide for one, or a law would explain more than a form's error."""
+        """Whether a joint's reversal is wider than drives have, or a law gains more than the form error."""
         offers = list_offers(model, [joint], lambda effect, _: is_law(effect))
         share = self.score.policy.form_error * model.fit.fitted[joint] * model.fit.weight[joint]
         wide = is_wide(model.problem.prepared, joint)
@@ -332,7 +333,7 @@ def _demand(term: Term) -> float:
 
 
 def is_complete(model: Model) -> bool:
-    """Whether each term that refines another one has it in the model."""
+    """Whether for each term that refines another the model has that other term."""
     given, base = model.problem.given, model.problem.base
     for term in model.terms:
         others = [t.effect for t in (*base, *model.terms) if t.joint == term.joint and t is not term]
@@ -377,7 +378,7 @@ def refine_shape(given: Model, term: Term) -> Term:
         return term
     grid = effect.shapes(problem.joined, joint)
     first = effect.estimated_shapes()
-    # The estimated one again once the others have moved.
+    # The estimated parameter is refined once more, after the others.
     others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
     shape = np.array(term.model_term.shape)
 
@@ -391,7 +392,7 @@ def refine_shape(given: Model, term: Term) -> Term:
 
     start = lose(shape)
     least = start
-    # In the logarithm, so that what can be nothing or negative stays as it is.
+    # The search is in the logarithm, so parameters that may be zero or negative stay as they are.
     for k in [*first[:1], *others, *(first[:1] if others else [])]:
         if not (grid[:, k].min() > 0.0 and shape[k] > 0.0):
             continue

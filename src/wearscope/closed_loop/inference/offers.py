@@ -1,4 +1,4 @@
-"""What a model may be extended by: candidates that apply, with the coefficients that make sense."""
+"""Possible extensions of a model: candidates that apply, with the coefficients that make sense."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import Candidate
 from wearscope.effects.base import Effect, MeasurementEffect
 
-#: Most that columns of one term may cancel each other, or other terms' torque, of RMS to RMS.
+#: Largest ratio (RMS) to which columns of one term may cancel each other, or other terms' torque.
 _CANCELS = 12.0
 UNBELIEVABLE = "a parameter is outside its believable bounds"
 _CANCELLED = "its columns cancel each other"
@@ -46,10 +46,10 @@ def list_candidates(
     joints: Iterable[int],
     asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Candidate]:
-    """Candidates that a model has not, nor contains, with their parents, where they apply.
+    """Candidates that apply and that the model neither has nor contains, but whose parents it has.
 
-    In a single run temperature is a function of time, so that next to one term that goes with either another
-    would be its form.
+    In a single run temperature is a function of time: next to a term of either, a term of the other would
+    only change its form.
     """
     problem, fit = model.problem, model.fit
     present: list[list[Effect]] = [list(problem.given) for _ in range(problem.prepared.n)]
@@ -67,7 +67,7 @@ def list_candidates(
                 continue
             if not effect.has_parent(there) or (joint in thermal and effect.is_thermal):
                 continue
-            # Structure without a name has a level of its own.
+            # A generic term has an offset of its own.
             if effect.is_offset and any(e.empirical for e in there):
                 continue
             if isinstance(effect, MeasurementEffect):
@@ -82,9 +82,9 @@ def list_candidates(
 
 
 def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
-    """Subsets of an effect's coefficients to ask for; of a single run only those that contain no other.
+    """Subsets of an effect's coefficients to try; in a single run only those that contain no other.
 
-    Those of a body are held by a prior.
+    A prior bounds those of a body.
     """
     if not by_run and not effect.per_robot:
         return [tuple(int(k) for k in s) for s in effect.plain_subsets()]
@@ -98,7 +98,7 @@ def list_offers(
     joints: Iterable[int],
     asks: Callable[[Effect, int], bool] | None = None,
 ) -> list[Offer]:
-    """The best shape of each candidate and subset conditional on a model, what gains most first.
+    """The best shape of each candidate and subset conditional on a model; the largest gain comes first.
 
     Parameters
     ----------
@@ -167,6 +167,6 @@ def may_gain(score: Score, model: Model, offer: Offer) -> bool:
     joints = list(offer.term.candidate.joints)
     loss = float((fit.fitted[joints] * fit.weight[joints]).min())
     most = 0.5 * policy.most_rows * len(joints) * -np.log(max(1.0 - offer.gain / max(loss, 1e-300), 1e-6))
-    # A body may also relieve the links of what they had to be without it.
+    # With a body, the links' parameters may also come closer to their prior.
     relief = 0.5 * offer.gain if offer.term.effect.spread else 0.0
     return bool(max(most, relief) > score.odds(offer.term) + 0.5 * score.count(offer.term) * np.log(30.0))

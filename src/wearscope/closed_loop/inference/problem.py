@@ -1,4 +1,4 @@
-"""What is asked of a prepared data set: the torque to explain, the declared terms, and all candidates."""
+"""The problem that a prepared data set poses: torque to explain, declared terms, and all candidates."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -27,12 +27,12 @@ from wearscope.effects.base import (
 )
 from wearscope.effects.vocabulary import candidate_effects, given_effects
 
-#: Frequencies at which a link swings against the held motor, over the common cut-off, about which compliances
-#: are sought. Below it a link answers the other way round within the band.
+#: Start values for compliances: frequencies at which a link swings against the held motor, over the common
+#: cut-off. Below 1 a link answers with the opposite sign within the band.
 _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
-#: Delays about which others are sought, times the common cut-off.
+#: Start values for delays, times the common cut-off.
 _LAGS = (0.0, 0.08, 0.2, 0.4)
-#: Ripples that a joint's residual is searched for, and rows that it is searched on.
+#: Number of ripples that are sought in a joint's residual, and most rows for that.
 _PEAKS, _MOST_ROWS = 8, 4000
 #: Size of a gain that is believed, over the one that intake noted.
 _AROUND = 1.2
@@ -101,7 +101,7 @@ class Problem:
         return Term(candidate, tuple(range(len(penalty))))
 
     def reverse_over(self, reversals: Reversals) -> "Problem":
-        """The same problem with frictions that reverse in another way; what does not feel that is kept."""
+        """The same problem with other friction reversals; columns that do not depend on them are kept."""
         same = set(np.flatnonzero(~reversals.differ(self.prepared.reversals)).tolist())
         other = copy(self)
         other.__dict__.pop("base", None)
@@ -110,7 +110,7 @@ class Problem:
         return other
 
     def _take_signals(self, prepared: Prepared) -> None:
-        """Go along a prepared data set's signals."""
+        """Take the signals of a prepared data set."""
         self.prepared = prepared
         self.train = prepared.runs_for("train")
         self.joined = join_signals(run.signals for run in self.train)
@@ -274,7 +274,7 @@ class Problem:
 
 
 def _keeps(made: Candidate | None, joint: int, same: set[int]) -> bool:
-    """Whether a candidate at a joint is what it was where only some joints reverse in the same way."""
+    """Whether a candidate at a joint stays the same where only the joints of `same` keep their reversals."""
     if made is not None and not made.effect.follows_direction:
         return True
     alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)

@@ -1,9 +1,8 @@
-"""Friction's reversal with a model: over which speed each joint's direction of motion changes.
+"""Friction's reversal under a model: the speed over which each joint's direction of motion changes.
 
-The width that the rough model gave is one of a poorer model. With the terms that the search has found it is
-fitted again and its form is chosen. What is left of its error is a column of its own in every model that
-candidates are added to, so that no name is given for a reversal that is a little sharper or smoother
-than assumed.
+The rough model's width is that of a poorer model. With the terms that the search has found it is fitted again
+and its form is chosen. The remaining error of the width is a column in every model to which candidates are
+added. So no name is given for a reversal that is a little sharper or smoother than assumed.
 """
 
 from collections.abc import Iterable
@@ -21,18 +20,19 @@ from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.terms import make_candidate, reduce_columns
 from wearscope.effects.base import Effect, MeasurementEffect, Parameter, RigidBodyEffect, Signals
 
-#: Step of the logarithm of a width for its derivative; steps taken; largest one; smallest one worth taking.
+#: For the logarithm of a width: step of its derivative; number of steps; largest step; smallest step worth
+#: taking.
 DIFFERENCE, _STEPS, _FURTHEST, _NEAREST = 0.02, 5, 0.5, 0.003
-#: Standard deviation of the errors of width and form, of Coulomb friction, that are to be expected.
+#: Prior standard deviation of the errors of width and form, as a share of Coulomb friction.
 _SHARE = 0.5
 #: Least and largest width, over the joint's largest speed.
 LEAST, _LARGEST = 1e-4, 0.3
-#: Largest one that drives have, over that: what is wider represents a law of the speed.
+#: Largest width that drives have, over the largest speed: a wider reversal represents a law of the speed.
 WIDEST = 0.05
-#: Widths from which the fit starts in addition to the rough model's, over the joint's largest speed; residual
-#: variances by which one must do better than it.
+#: Start widths in addition to the rough model's, over the joint's largest speed; residual variances by which
+#: one must do better than the rough model's.
 STARTS, _CLEARLY = (0.001, 0.004, 0.015, 0.05), 9.0
-#: Share of the loss that a width must remove where the rough model found a reversal at once.
+#: Where the rough model found an instant reversal, a width must remove this share of the loss.
 _AT_ONCE = 0.2
 #: Standard errors that a change of a width must have.
 _ERRORS = 1.0
@@ -87,7 +87,7 @@ class _JointFit:
 def refine_reversals(prepared: Prepared, model: Fit, forms: bool = True) -> Reversals:
     """How each joint's friction reverses where a model fits the training runs best.
 
-    Its width in the present form first, then in the others.
+    The width is fitted in the present form first, then in the others.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def refine_reversals(prepared: Prepared, model: Fit, forms: bool = True) -> Reve
 
 
 def is_wide(prepared: Prepared, joint: int) -> bool:
-    """Whether a joint's reversal is wider than one of a drive: it then represents a law of its speed."""
+    """Whether a joint's reversal is wider than any drive's: then it represents a law of the joint's speed."""
     return float(prepared.reversals.width[joint]) > WIDEST * find_top(prepared)[joint]
 
 
@@ -144,7 +144,7 @@ class _Fitter:
     frictions: dict[int, list[int]]
 
     def start(self) -> Reversals:
-        """The reversals of today, or those at one of some widths that do better."""
+        """The present reversals, or those at one of the start widths that fit better."""
         prepared, today = self.prepared, self.prepared.reversals
         widths = today.width.copy()
         top = find_top(self.prepared)
@@ -173,7 +173,7 @@ class _Fitter:
             fits = self._fit(Reversals(widths, start.form), {j: self.frictions[j] for j in moving})
             for j, fit in fits.items():
                 if j in best and not fit.loss < best[j][0].loss:
-                    # Half way back to what was better.
+                    # Go half way back to the better width.
                     if best[j][1] > 0.0 and abs(np.log(widths[j] / best[j][1])) > 2.0 * _NEAREST:
                         widths[j] = np.sqrt(widths[j] * best[j][1])
                     else:
@@ -218,7 +218,7 @@ def list_own(terms: tuple[Term, ...], joint: int) -> list[int]:
 def take_rest(model: Fit, joint: int, own: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """What a joint's own terms have to explain (K,), at the rows (M,) of bool that count."""
     keep = model.gram.layout.keep[:, joint]
-    # What is felt at several joints, or is of the record, is held; the reversal's own column is left out.
+    # Terms felt at several joints and errors of the recording stay fixed; the reversal's column is left out.
     held = np.isin(model.at[joint], _list_columns(model, joint, own), invert=True)
     theta = model.theta[model.at[joint][held]]
     return (model.gram.target[:, joint] - model.columns(joint)[:, held] @ theta)[keep], keep
@@ -251,7 +251,7 @@ def _fit_joints(
 
 
 def reduce_term(term: Term, runs: list[PreparedRun]) -> np.ndarray:
-    """Columns (M, m) of a term along the signals of runs, in which directions alone have changed."""
+    """Columns (M, m) of a term along runs in which only the directions of motion have changed."""
     made, shape = term.candidate, np.array(term.model_term.shape)[None]
     if not term.follows_direction:
         return term.at_joint(made.joint)

@@ -23,13 +23,13 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.term import Term
 
-#: Nats below which how improbable a model is need not be known any better.
+#: A model this many nats behind is improbable enough to end the comparison early.
 _HOPELESS = -8.0
-#: Fewest sums of blocks from which the memory of what is left is estimated.
+#: Fewest summed blocks from which the residual's autocorrelation is estimated.
 _FEWEST = 8
-#: Coefficients that a height of a penalised spline counts as.
+#: Number of coefficients that a height of a penalised spline counts as.
 _SPLINE = 0.5
-#: Coefficients that a shape which is searched counts as: half of its values are no better than another's.
+#: Number of coefficients that a searched shape counts as: half of its values are no better than the others.
 _SHAPE = 0.5
 
 
@@ -61,28 +61,28 @@ class Model:
 
     @cached_property
     def keys(self) -> frozenset[tuple]:
-        """What its terms are, whatever their shapes."""
+        """Keys of its terms, without their shapes."""
         return frozenset(term.key for term in self.terms)
 
     @cached_property
     def offers(self) -> dict[int, list]:
-        """Terms that it may be extended by, by joint, once they were asked for."""
+        """Possible further terms by joint, once they were listed."""
         return {}
 
     def has(self, terms: Sequence[Term]) -> "Model":
-        """The same with other terms."""
+        """The model with other terms."""
         return Model(self.problem, tuple(terms), self.sigma)
 
     def extend(self, term: Term) -> "Model":
-        """The same with a term more."""
+        """The model with one more term."""
         return Model(self.problem, (*self.terms, term), self.sigma, self)
 
     def without(self, term: Term) -> "Model":
-        """The same without a term."""
+        """The model without a term."""
         return self.has([t for t in self.terms if t is not term])
 
     def rescale(self) -> "Model":
-        """The same, weighed by what it leaves."""
+        """The model weighed by its own residuals."""
         return Model(self.problem, self.terms, self.fit.settle_scale())
 
 
@@ -112,10 +112,10 @@ class Score:
         return {}
 
     def find_form(self, a: Model, b: Model) -> np.ndarray:
-        """Form error (n,) by joint of what two models do not have in common [squares of the torque].
+        """Form error (n,) by joint of the terms that only one of two models has [squares of the torque].
 
-        A share of what the standard model leaves, given those common terms that depend on other signals:
-        these terms' own errors of form depend on these signals too.
+        It is a share of the standard model's residual, conditional on the common terms that depend on other
+        signals: those terms' form errors depend on the other signals too.
         """
         if self.standard is None:
             return np.zeros(len(self.layout.prepared.moving))
@@ -129,7 +129,7 @@ class Score:
             t
             for t in b.terms
             if id(t) not in own and t.key not in there and not t.model_term.is_measurement_error
-            # An error of the record may follow any torque.
+            # An error of the recording may follow any torque.
             if t.is_exact or not (record or t.list_signals(joints) & signals)
         ]
         key = frozenset((t.key, id(t.candidate)) for t in apart)
@@ -140,7 +140,7 @@ class Score:
         return self._forms[key]
 
     def compare(self, a: Model, b: Model) -> float:
-        """By how many nats model `b` is more probable than `a`; at most so many where that is few."""
+        """Nats by which model `b` is more probable than `a`; an upper bound where that is low already."""
         lost, left = a.fit.held_out, b.fit.held_out
         form = self.find_form(a, b)
         ratio = np.log(np.maximum(lost + form, 1e-300) / np.maximum(left + form, 1e-300))

@@ -6,17 +6,17 @@ from statsmodels.regression.linear_model import burg
 
 #: Longest memory of the autoregression [rows], chosen by Schwarz's criterion.
 _MEMORY = 6
-#: Knocks: rows of the running median against which a row is cut off, and where, in deviations of all.
+#: Knocks: rows of the running median, and distance from it at which a row is cut off [standard deviations].
 _AROUND, _CUT = 9, 3.0
 
 
 def average(every: int, *series: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Means of so many rows each of series (M,); a rest at the end does not count."""
+    """Means of series (M,) over `every` rows each; fewer rows at the end do not count."""
     return tuple(x[: len(x) // every * every].reshape(-1, every).mean(axis=1) for x in series)
 
 
 def bend_line(rows: int, bends: int) -> np.ndarray:
-    """Columns (rows, bends + 2) whose sums are lines that bend so many times, at equal distances."""
+    """Columns (rows, bends + 2) of a piecewise linear function with equidistant bends."""
     knots = np.linspace(0.0, rows - 1.0, bends + 2)
     return np.column_stack([np.interp(np.arange(rows), knots, unit) for unit in np.eye(len(knots))])
 
@@ -38,7 +38,7 @@ def cut_knocks(x: np.ndarray) -> np.ndarray:
 def find_whitening(x: np.ndarray) -> np.ndarray:
     """Filter (1 + P,) that makes a series (M,) white: an autoregression by Burg's method.
 
-    That of the autocovariances takes memory for shorter than it is where that is near the series' length.
+    An autoregression from the autocovariances would underestimate a memory near the series' length.
     """
     best, lowest = np.ones(1), float(np.log(max(np.var(x), 1e-300)))
     if not np.ptp(x) > 0.0:
@@ -52,7 +52,7 @@ def find_whitening(x: np.ndarray) -> np.ndarray:
 
 
 def take_out(columns: np.ndarray, known: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """What a model's columns leave of others, its coefficients held by what is known of them.
+    """Residual of columns after a model's columns, whose coefficients are partly known.
 
     Parameters
     ----------

@@ -19,13 +19,13 @@ from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, list_signals
 from wearscope.effects.vocabulary import empirical_effect
 
-#: Bytes of its columns that are kept.
+#: Largest memory for columns that are kept [bytes].
 _ROOM = 2**29
-#: Share of what is asked for that signals at the rows alone, without the filter, must show; most signals that
-#: are then looked at.
+#: Share of the asked gain that signals at the rows, without the filter, must show; most signals that are then
+#: evaluated exactly.
 _ROUGHLY, _MOST = 0.6, 4
-#: Hat functions of a spline of the past: a line's too, which alone carries over to runs whose joint turns
-#: round at other places.
+#: Numbers of hat functions of a spline of the past. A line has 2; it alone carries over to runs whose joint
+#: reverses at other places.
 _PAST = (2, LEVELS[0])
 PAST = replace(empirical_effect(), name="past", title="what the motion has been", name_driver=None)
 """What a joint's torque owes to its past; never named, since no model holds it."""
@@ -47,7 +47,7 @@ class Splines:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
-        # The generic term has no memory, so that all runs can be one.
+        # The generic term has no memory, so that all runs can be evaluated as one run.
         self.thinned = join_signals(
             replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in self.runs
         )
@@ -58,7 +58,7 @@ class Splines:
     def offer(
         self, model: Model, joint: int, score: Score, past: bool = False, every: bool = False
     ) -> Iterator[Term]:
-        """Splines that explain a share of what a model leaves at a joint, those that explain most.
+        """Splines that explain most of a joint's residual, at least a given share.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Splines:
 
 
 def list_levels(shape: tuple[float, ...]) -> list[int]:
-    """Numbers of hat functions at which a spline is asked whose finest level is a shape's."""
+    """Numbers of hat functions to try for a spline, up to the finest level of a shape."""
     return [PRODUCT] if shape[5] >= 0 else [k for k in LEVELS if k <= shape[-1]]
 
 

@@ -1,4 +1,4 @@
-"""What the test runs say of each term after everything is chosen and fitted; they change nothing."""
+"""Verdict of the test runs on each term, after everything is chosen and fitted; they change nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 Status = Literal["confirmed", "not_confirmed", "refuted"]
 #: Draws of the bootstrap over blocks of the test runs, and its seed.
 _DRAWS, _SEED = 1000, 23
-#: Growth of an error (RMS), of itself, that is none: figures of three digits agree.
+#: Relative growth of an error (RMS) that does not count: figures agree to three digits.
 SAME = 1e-3
 
 
@@ -60,7 +60,7 @@ def mark_terms(prepared: Prepared, after: Regression, terms: Sequence[ModelTerm]
 
 
 def mark_delays(after: Regression, delays: Sequence[ModelTerm]) -> list[Marked]:
-    """The same of delays by which channels were moved: a shift is far from linear."""
+    """Mark the delays by which channels were shifted; a shift is far from linear."""
     runs = after.prepared.runs_for("test")
 
     def leave(model: Regression) -> list[np.ndarray]:
@@ -86,7 +86,7 @@ class _Comparison:
         self.pick = np.random.default_rng(seed).integers(0, count, (_DRAWS, count))
 
     def mark(self, term: ModelTerm, without: Sequence[np.ndarray]) -> Marked:
-        """What is said of a term, without which the model leaves other residuals."""
+        """Mark a term by the residuals that the model leaves without it."""
         joints = slice(None) if term.effect.spread else slice(term.joint, term.joint + 1)
         own, best = (
             (squares[:, joints] / self.scale[joints]).sum(axis=1)

@@ -78,7 +78,7 @@ class Term:
 
     @property
     def key(self) -> tuple:
-        """What it is, whatever its shape, except for splines, which their shape tells apart."""
+        """Key of the term without its shape; only splines are told apart by their shape."""
         shape = self.model_term.shape if self.effect.empirical else ()
         return (self.effect.name, self.joint, self.subset, shape)
 

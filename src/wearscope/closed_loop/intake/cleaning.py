@@ -13,28 +13,31 @@ from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.recording import LEAST_CHANGES, Run, estimate_quantum
 from wearscope.errors import InputError
 
-#: A change is a fault beyond this multiple of what the run's own 98th percentile is ...
+#: A change is a fault where it exceeds this multiple of the run's own percentile of changes ...
 _ODD, _USUAL = 10.0, 98.0
-#: ... and beyond this share of the largest speed, or of the torque's span.
+#: ... and also this share of the largest speed, or of the torque's span.
 _OF_SPEED, _OF_SPAN = 0.25, 0.5
 #: Widest spike [samples].
 LONGEST_SPIKE = 4
-#: Seconds at either end of a run that may be cut off; shortest frozen stretch.
+#: Longest part at either end of a run that may be cut off [s]; shortest frozen stretch, in seconds and in
+#: rows.
 _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 #: Share of a position's span beyond which a step can be a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
-#: Share of the largest odd difference by which a step begins or ends; a move of least jerk has two thirds.
+#: A step begins or ends with at least this share of its largest difference; a minimum-jerk move has two
+#: thirds.
 _ABRUPT = 0.75
-#: Samples over which a joint that broke away moves on.
+#: Number of samples in which a joint that broke away keeps moving.
 _SLIDES = 6
-#: Most spikes of one channel that are still bridged, as a share of its rows.
+#: Largest share of a channel's rows in which spikes are still bridged.
 _MOST = 0.01
-#: A torque is frozen for so many times what 95 % of its stretches of one value last, where there are many.
+#: A torque is frozen where one value lasts this many times the 95th percentile of its constant stretches, if
+#: there are at least so many of these.
 _LONG, _MANY = 4.0, 20
 #: Share of a run over which a frozen torque is a dead channel.
 _MOST_FROZEN = 0.8
-#: Steps of the encoder that a difference may be off by; a joint rests where its usual range is below this
-#: share of its reach, or below this many steps of the encoder.
+#: Usual error of a position difference [encoder steps]; largest usual range of a joint at rest, as a share of
+#: its reach and in encoder steps.
 _QUANTA, _RESTING, _RESTING_QUANTA = 5.0, 2e-3, 10.0
 
 
@@ -67,10 +70,10 @@ def find_stretches(marked: np.ndarray, apart: int = 1) -> list[tuple[int, int]]:
 
 
 def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
-    """Size below which a difference of a position (N,) is no fault.
+    """Largest difference of a position (N,) that is no fault.
 
-    A few steps of the encoder; where the joint rests, the range that it usually keeps to as well, since a
-    count that toggles, also between samples that a recorder has interpolated, stays within that.
+    This is a few encoder steps. Where the joint rests, its usual range counts too: a toggling count stays
+    within that range, even where the recorder interpolated.
     """
     usual = float(np.ptp(np.percentile(q, [0.5, 99.5])))
     rests = usual <= max(_RESTING * reach, _RESTING_QUANTA * quantum)
@@ -78,14 +81,14 @@ def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
 
 
 def _depart(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far each difference (N-1,) of a position is from those around it, and what they are (N-1,)."""
+    """Deviation of each difference (N-1,) of a position from its neighbours, and their value (N-1,)."""
     step = np.diff(q)
     around = ndimage.median_filter(step, 11, mode="nearest")
     return step - around, around
 
 
 def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
-    """How far each difference of a position (N,) is from those around it; 0 (N-1,) where that is no fault."""
+    """Deviation (N-1,) of each difference of a position (N,) from its neighbours; 0 where it is no fault."""
     step = np.diff(q)
     sizes = np.abs(step[step != 0.0])
     resolution = float(sizes.min()) if len(sizes) >= LEAST_CHANGES else 0.0
@@ -100,7 +103,7 @@ def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
-    """Whether odd differences begin or end at once, as a quick move in a slow record does not."""
+    """Whether odd differences begin or end abruptly; those of a quick move in a slow recording do not."""
     step = np.diff(q)
     before, after = step[max(low - 1, 0)], step[min(high + 1, len(step) - 1)]
     edge = max(abs(step[low] - before), abs(step[high] - after))
@@ -108,7 +111,7 @@ def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
 
 
 def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
-    """Whether a position comes back next to odd differences, as when pushed; a lost count does not."""
+    """Whether a position returns next to odd differences, as after a push; after a lost count it does not."""
     rest, _ = _depart(q)
     around = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
     return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in around)
@@ -132,7 +135,7 @@ def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool
 
 
 def _returns(net: float, nets: np.ndarray) -> bool:
-    """Whether steps `nets` of a run go back and forth as far as one of them: a gear's lost motion."""
+    """Whether one of a run's steps `nets` goes back by about the step `net`, as in a gear's lost motion."""
     return bool((-np.sign(net) * nets >= 0.5 * abs(net)).any())
 
 
@@ -172,7 +175,7 @@ class _Position:
 def _clean_position(
     run: Run, j: int, joint: str, floor: float, where: str, accepted: Acceptance
 ) -> tuple[_Position, np.ndarray, list[str]]:
-    """Correct a position in place; what was found, rows (N,) that do not count, and notes."""
+    """Correct a position in place; return what was found, the rows (N,) that do not count, and notes."""
     q, t = run.q[:, j], run.t
     as_recorded = q.copy()
     found, faulty, notes = _Position(0, len(q)), np.zeros(len(q), dtype=bool), []

@@ -9,24 +9,25 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 
-#: The mean or the median step may differ from the stated one by this share; by the larger one where the
-#: recording is brought to the stated rate, which is noted.
+#: Largest relative difference of the mean or median step from the stated one. Up to the second value the
+#: recording is resampled to the stated rate, with a note.
 _OFF, _FAR_OFF = 0.02, 0.15
-#: A step is a loss of samples from this multiple of the longer of median and stated step, and a gap that
-#: splits the run where more samples than this are lost.
+#: Samples are lost where a step is this multiple of the longer of median and stated step. Where more samples
+#: than this are lost, there is a gap, which splits the run.
 _LOSS, _MOST_LOST = 1.6, 5
 #: A gap up to this [s] is bridged however many samples it has: no filter of a motion is as fast.
 _BRIDGED = 0.02
 #: A clock that stands still in more than this share of its steps is a coarse one.
 _MOST_REPEATED = 0.1
-#: A longer gap [s] is no pause: the clock was set, as a robot without one does when it finds the network's.
+#: A longer gap [s] is no pause: the clock was set, as when a robot without its own clock finds the network's
+#: time.
 _LONGEST_PAUSE = 7 * 86400.0
 #: Units of time that recorders write, over a second.
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
 def check_clock(where: str, t: np.ndarray, rate: float) -> list[str]:
-    """Refuse a clock that is none, or another one than `sample_rate` says; notes on one that is a bit off.
+    """Refuse a time column that is no clock or contradicts `sample_rate`; return notes on a small deviation.
 
     Parameters
     ----------

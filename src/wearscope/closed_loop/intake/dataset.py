@@ -191,7 +191,7 @@ def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
 def _read_records(
     folder: Path, fields: DatasetFields, notes: list[str]
 ) -> tuple[list[RunRecord], list[Signature]]:
-    """Read and check the recordings one at a time, keeping what tells them apart; notes are added."""
+    """Read and check the recordings one at a time; keep a signature of each, and add notes."""
     records, signatures = [], []
     told: list[str] = []
     for entry in fields.runs:
@@ -227,7 +227,7 @@ def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFie
 def _check_repeats(
     path: Path, runs: list[RunRecord], signatures: list[Signature], accepted: Acceptance
 ) -> list[str]:
-    """Refuse a run that is another one over again: what is held out must have been recorded apart."""
+    """Refuse a run that repeats another run: test runs must have been recorded separately."""
     notes: list[str] = []
     settled = [False] * len(runs)
 

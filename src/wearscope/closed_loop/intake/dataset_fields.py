@@ -158,7 +158,7 @@ def list_breaches(path: Path) -> list[str]:
     except ValidationError as error:
         found: dict[tuple[str, ...], str] = {}
         for one in error.errors():
-            # Of a field that may be of two kinds, what is wrong as the first of them.
+            # Where a field may be of two kinds, the error is that of the first kind.
             place = tuple(str(part) for part in one["loc"] if "[" not in str(part))
             found.setdefault(place, str(_explain(path, content, one)))
         return list(dict.fromkeys(found.values()))
@@ -245,7 +245,7 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
     folder_name(fields.name, str(path))
-    # The rate is that of the time column as recorded.
+    # The stated rate is that of the time column as recorded.
     fields.sample_rate /= fields.time_scale
     _refuse_typos(fields, str(path), notes)
     _refuse_typos(fields.robot, f"{path}: robot", notes)

@@ -1,4 +1,4 @@
-"""Direction of motion that changes over a speed, in the forms that friction's reversal is written in.
+"""Direction of motion that changes gradually over a speed, in three usual forms of friction's reversal.
 
 x = v / width; all have the slope 1 at rest and go to 1, ever more slowly: tanh(x), x / sqrt(1 + x^2) and
 2/pi arctan(pi x / 2).
@@ -25,9 +25,9 @@ _SLOPES: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
     lambda x: (1.0 + x**2) ** -1.5,
     lambda x: 1.0 / (1.0 + (0.5 * np.pi * x) ** 2),
 )
-#: v / width at which half of the friction is there.
+#: Values of v / width at which friction has reached half of its level.
 _HALF = np.array([np.arctanh(0.5), 1.0 / np.sqrt(3.0), 2.0 / np.pi])
-#: Largest v / width that is told from infinite.
+#: Largest v / width; larger values are cut to it.
 _FAST = 1e4
 
 
@@ -37,10 +37,10 @@ def soften_direction(v: np.ndarray, width: float, sign: np.ndarray, form: int = 
 
 
 def vary_direction(v: np.ndarray, width: float, sign: np.ndarray, form: int = 0) -> np.ndarray:
-    """What a reversal of another width or form would change in `soften_direction`, (N, 3).
+    """Change of `soften_direction` with the width and the form of the reversal, (N, 3).
 
-    Its derivative by the logarithm of the width, and the differences to the other forms in their order; zero
-    at rest.
+    First the derivative by the logarithm of the width, then the differences to the other two forms; zero at
+    rest.
     """
     if not width > 0:
         return np.zeros((len(v), len(FORMS)))
@@ -85,20 +85,20 @@ class Reversals:
 
     @classmethod
     def over(cls, width: np.ndarray) -> "Reversals":
-        """Of the first form."""
+        """Reversals of given widths, all of the first form."""
         return cls(np.array(width, dtype=float), np.zeros(len(width), dtype=int))
 
     def differ(self, other: "Reversals", share: float = 0.0) -> np.ndarray:
-        """Joints (n,) that reverse in another form, or over a speed further off than a share: bool."""
+        """Whether each joint (n,) has another form, or a width that differs by more than a share."""
         return (self.form != other.form) | (np.abs(self.width - other.width) > share * other.width)
 
     def change_form(self, step: int) -> "Reversals":
-        """The same speeds of half of the friction in the form that comes so many after each joint's own."""
+        """Each joint's form replaced by the one `step` places later; its half-friction speed stays."""
         form = (self.form + step) % len(FORMS)
         return Reversals(self.width * _HALF[self.form] / _HALF[form], form)
 
     def where(self, chosen: np.ndarray, other: "Reversals") -> "Reversals":
-        """These for the joints chosen (n,), another's for the rest."""
+        """These reversals at the joints chosen (n,), `other` at the rest."""
         return Reversals(np.where(chosen, self.width, other.width), np.where(chosen, self.form, other.form))
 
     def soften(self, v: np.ndarray, sign: np.ndarray) -> np.ndarray:
@@ -106,7 +106,7 @@ class Reversals:
         return np.column_stack([soften_direction(*one) for one in self._by_joint(v, sign)])
 
     def vary(self, v: np.ndarray, sign: np.ndarray) -> np.ndarray:
-        """What other reversals change in it, (N, n, 3); see `vary_direction`."""
+        """Change of the direction with the reversals, (N, n, 3); see `vary_direction`."""
         return np.stack([vary_direction(*one) for one in self._by_joint(v, sign)], axis=1)
 
     def _by_joint(self, v: np.ndarray, sign: np.ndarray) -> list[tuple[np.ndarray, float, np.ndarray, int]]:

@@ -125,7 +125,7 @@ def _check_channels(path: Path, fields: DatasetFields) -> None:
 
 
 def _check_columns(path: Path, fields: DatasetFields) -> None:
-    """What the columns are said to be: the torque's reading, and those that are turned round."""
+    """Check what is stated of columns: the torque's reading, and columns with reversed signs."""
     joints = fields.robot.joints
     for joint in fields.torque if isinstance(fields.torque, dict) else ():
         if joint not in joints:

@@ -18,7 +18,7 @@ from wearscope.effects.signals import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, _REST_SHARE = 5.0, 0.01
-#: ... or below this share of its largest speed in any train run.
+#: The same for its largest speed in any train run.
 _REST_OF_ALL = 0.002
 _ORDER = 4
 #: Half length of the common filter's impulse response, in periods of its cut-off.
@@ -49,12 +49,12 @@ class Band:
 
     @property
     def gear(self) -> float:
-        """Cut-off [Hz] of the torque that bends the gears: not felt below the common one."""
+        """Cut-off [Hz] of the torque that bends the gears: it changes nothing below the common one."""
         return min(2.0 * self.torque, self.motion)
 
     @property
     def stride(self) -> int:
-        """Every how many samples a row is kept, so that rows come at four times the common cut-off."""
+        """Number of samples from one row to the next, so that rows come at four times the common cut-off."""
         return max(1, int(self.rate / (4.0 * self.torque)))
 
 
@@ -97,7 +97,7 @@ def _sections(cutoff: float, rate: float) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _settled(cutoff: float, rate: float) -> np.ndarray:
-    """State of the sections (S, 1, 2) for a signal that has always been one."""
+    """Steady state (S, 1, 2) of the filter's sections for a constant signal of 1."""
     return np.asarray(signal.sosfilt_zi(_sections(cutoff, rate))[:, None, :])
 
 
@@ -108,7 +108,7 @@ def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
     sections, settled = _sections(cutoff, rate), _settled(cutoff, rate)
     length = min(len(x) - 1, int(3 * rate / cutoff))
     columns = np.atleast_2d(np.ascontiguousarray(x.T, dtype=float))
-    # As `scipy.signal.sosfiltfilt`, which works out the settled state at each call.
+    # As `scipy.signal.sosfiltfilt`, which would compute the steady state at each call.
     before = 2.0 * columns[:, :1] - columns[:, length:0:-1]
     after = 2.0 * columns[:, -1:] - columns[:, -2 : -length - 2 : -1]
     y = np.concatenate([before, columns, after], axis=1)
@@ -158,7 +158,7 @@ def thin(x: np.ndarray, band: "Band") -> np.ndarray:
 
 
 def choose_factor(rate: float, motion: float, torque: float) -> int:
-    """Every how many samples of a recording are kept.
+    """Thinning factor of a recording: one sample of so many is kept.
 
     Recordings of less than twice 250 Hz stay as they are; faster ones keep at least 250 Hz, `ROWS_PER_PERIOD`
     samples a period of the common cut-off and three of the motion filter's.

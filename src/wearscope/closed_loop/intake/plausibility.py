@@ -20,16 +20,16 @@ from wearscope.closed_loop.intake.traits.score import Weighing
 from wearscope.closed_loop.intake.traits.search import HOPELESS, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
-#: Share of a torque's variance above which a run is doubted; half of it as RMS, beyond which no name can be
-#: judged.
+#: A run is doubted from this unexplained share of a torque's variance on; no name can be judged from the
+#: second share on (half of the RMS).
 _DOUBTFUL, _UNJUDGED = 0.1, 0.25
 #: Share of a torque's variance below which there is no friction in it.
 _NO_FRICTION = 1e-3
-#: Share of what a torque as recorded leaves that it leaves with signs, where it has lost them.
+#: A torque has lost its signs where restored signs reduce its unexplained part to this share.
 _FOLDED = 0.5
-#: A remedy for all runs, and whether another one follows.
+#: A remedy for all runs, and whether a further remedy follows it.
 _FOR_ALL = re.compile(r'; write "[^"]*"(?: below robot)? in dataset\.yaml(, or)?')
-#: Turns of the search for a torque's signs; share of a reach that a position goes from one row to the next.
+#: Iterations of the search for a torque's signs; largest step of a position from row to row, over its reach.
 _TURNS, _STEP = 20, 0.1
 
 
@@ -49,7 +49,7 @@ def check_plausibility(prepared: Prepared) -> None:
     if rows.heard:
         _check_signs(prepared, rows)
         found = _check_readings(prepared, rows)
-    # A reading of the columns says more than a limit that they pass.
+    # Only now the limits of the signals: a refusal by a reading of the columns tells more.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= _DOUBTFUL)
     if rows.heard:
@@ -68,7 +68,7 @@ def _leave(rows: Rows) -> np.ndarray:
 
 
 def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
-    """Refuse the best reading, of all runs or of the one that agrees least with the others."""
+    """Refuse data that another reading explains, of all runs or of the worst one."""
     declared = prepared.dataset.fields.declared_effects
     taken: dict[str, Reading] = {}
     if TIME_DELAY.name in declared:
@@ -98,9 +98,9 @@ def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
 
 
 def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
-    """Rows of which only the least explained run's columns are in question; none where all are explained.
+    """Rows in which only the columns of the least explained run are in question; none without one.
 
-    A wrong run makes others look wrong: it is the run without which the others agree best.
+    A wrong run makes others look wrong, so the doubted run is the one without which the others agree best.
     """
     left = found.stated.leave_by_run()
     doubtful = np.flatnonzero(left > _DOUBTFUL).tolist() if len(left) > 1 else []
@@ -109,7 +109,7 @@ def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
 
 
 def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
-    """What is refused and its codes; None where nothing is."""
+    """Sentence on what is refused, and its codes; None where nothing is refused."""
     refused, noted = tell(found.best.reading, rows)
     poor = not found.is_answer
     if not rows.doubted.all():
@@ -157,13 +157,13 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
 
 
 def starts_at_zero(q: np.ndarray) -> bool:
-    """Whether all positions (N, n) are 0 at first, and leave that without a step, as written zeros do not."""
+    """Whether all positions (N, n) start at 0 and leave it without a step; filled-in zeros end with one."""
     moved = q[np.any(q != 0.0, axis=1)][:1]
     return bool(np.all(q[0] == 0.0) and np.all(np.abs(moved) <= _STEP * np.ptp(q, axis=0)))
 
 
 def _unfold(rows: Rows, known: np.ndarray, j: int) -> float:
-    """What body and drive of any size leave of a torque that is given signs, over what they leave of it."""
+    """Ratio of unexplained parts: of the torque with restored signs to the torque as recorded."""
     at = rows.counts[:, j]
     y, direction, body = rows.tau[at, j], rows.sign[at, j], known[at, j]
     columns, left = [np.ones(len(y)), body, rows.a[at, j], direction, rows.v[at, j]], []
@@ -177,7 +177,7 @@ def _unfold(rows: Rows, known: np.ndarray, j: int) -> float:
 
 
 def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: Weighed) -> None:
-    """Torques of which the motion explains next to nothing, in a run; of which no machine explains enough."""
+    """Refuse torques that the motion hardly explains in a run, or that no machine explains well."""
     known = found.stated.fit.columns.known
     for k, run in enumerate(prepared.runs):
         own, heard = whole.run == k, np.isfinite(left[k])
@@ -193,7 +193,8 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
     bad = found.stated.held > _UNJUDGED
     names = [f"tau_{prepared.dataset.joints[j]}" for j in np.array(whole.heard, dtype=int)[bad]]
     sizes = 100 * np.sqrt(found.stated.held[bad])
-    # One joint may have what no other has; most joints together lack something that moves them all.
+    # A single joint may have an effect of its own; where most joints are unexplained, a common cause is
+    # missing.
     if 1 < len(names) >= 0.5 * len(whole.heard):
         told = (
             f"body, friction and springs leave {sizes.min():.0f} to {sizes.max():.0f} % (RMS) of "

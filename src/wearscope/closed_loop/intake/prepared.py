@@ -121,7 +121,7 @@ class Prepared:
 
     @property
     def torque_readings(self) -> dict[str, str]:
-        """What each joint's torque was taken for."""
+        """How each joint's torque column was read."""
         stated = self.dataset.fields.readings()
         return {
             joint: "link" if reading == "motor" and joint in self.link_side else reading
@@ -162,13 +162,14 @@ class Prepared:
         return [run for run in self.runs if run.use == use]
 
     def reverse_over(self, reversals: Reversals) -> "Prepared":
-        """The same data set with directions of motion that change in another way."""
+        """The same data set with other reversals of the direction of motion."""
         return replace(self, runs=[_reverse_over(run, reversals) for run in self.runs], reversals=reversals)
 
     def try_reversals(self, reversals: Reversals, joint: int | None = None) -> list[PreparedRun]:
-        """Training runs with directions of motion that change in another way, for an effect's columns alone.
+        """Training runs with other reversals of the direction of motion, for an effect's columns alone.
 
-        What yet another way would change in them is not made. With `joint`, that of one joint alone changes.
+        They have no derivatives with respect to the reversal. With `joint`, only that joint's direction
+        changes.
         """
         joints = list(range(self.n)) if joint is None else [joint]
         return [_try_reversals(run, reversals, joints) for run in self.runs_for("train")]
@@ -209,20 +210,20 @@ def known_inertia(dataset: Dataset) -> np.ndarray:
 
 
 def take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tuple[np.ndarray, np.ndarray]:
-    """Direction of motion (N, n) that changes over a speed, and what other reversals change in it."""
+    """Gradual direction of motion (N, n), and its change with the reversals."""
     sharp = np.where(rest, 0.0, np.sign(v))
     return reversals.soften(v, sharp), reversals.vary(v, sharp)
 
 
 def _reverse_over(run: PreparedRun, reversals: Reversals) -> PreparedRun:
-    """A run with directions of motion that change in another way."""
+    """A run with other reversals of the direction of motion."""
     sign, reversal = take_direction(*_at_full_rate(run, list(range(run.signals.v.shape[1]))), reversals)
     signals = replace(run.signals, sign=decimate(sign, run.factor), reversal=decimate(reversal, run.factor))
     return replace(run, signals=signals)
 
 
 def _try_reversals(run: PreparedRun, reversals: Reversals, joints: list[int]) -> PreparedRun:
-    """A run with directions of motion of some joints that change in another way, without `reversal`."""
+    """A run with other reversals at some joints, without `reversal`."""
     v, rest = _at_full_rate(run, joints)
     own = Reversals(reversals.width[joints], reversals.form[joints])
     sign = run.signals.sign.copy()
@@ -231,7 +232,7 @@ def _try_reversals(run: PreparedRun, reversals: Reversals, joints: list[int]) ->
 
 
 def _at_full_rate(run: PreparedRun, joints: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds of some joints and where they rest, at the recording's rate, as at first.
+    """Speeds of some joints, and where these rest, brought back to the recording's rate.
 
     Speeds are smooth between the samples kept.
     """

@@ -50,9 +50,9 @@ from wearscope.robots.urdf_file import parse_urdf, write_urdf
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
-#: Share of a run that is no measurement of a joint from which none of it is.
+#: Share of faulty samples in a run from which none of the joint's samples counts.
 _ALL = 0.8
-#: Share of the largest speed of any joint below which one is still, of which no encoder's step is known.
+#: Speed below which a joint of unknown encoder step rests, as a share of the largest speed of any joint.
 _STILL = 1e-6
 #: Ends of a recording that are left out, in periods of the motion filter's cut-off.
 _END_PERIODS = 1.0
@@ -114,7 +114,7 @@ def normalise_robot(source: str | Path, dataset: Dataset) -> tuple[str, list[str
 def make_rough(
     source: Source, rate: float, cutoff: float, factor: int, inertia: np.ndarray, motion: MovingJoints
 ) -> RoughRun:
-    """What the rough model needs of a run, at a `factor`-th of its rate."""
+    """Signals of a run that the rough model needs, at a `factor`-th of its rate."""
     made = differentiate_run(source.run, rate, cutoff, motion.top_speed)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     known = source.body.inverse_dynamics(q, v, a) + inertia * a
@@ -134,7 +134,7 @@ def make_rough(
 
 
 def _thin_marks(marked: np.ndarray, factor: int) -> np.ndarray:
-    """Marks (N, n) at every `factor`-th sample, of any sample that the anti-alias filter mixes in much."""
+    """Marks (N, n) at every `factor`-th sample, where its anti-alias filter gives a marked one weight."""
     return marked if factor == 1 else spread_out(marked, factor)[::factor]
 
 
@@ -170,7 +170,7 @@ def bridge_gaps(
                 "rows; they do not count."
             )
         faulty = source.faulty | clipped
-        # What is left of a drive that is off is no measurement either; it biases no other run.
+        # Where a drive is off for nearly a whole run, its few other samples do not count either.
         faulty[:, faulty.mean(axis=0) > _ALL] = True
         tau = bridge_torque(source.run.tau, predicted, faulty)
         bridged.append(replace(source, run=replace(source.run, tau=tau), faulty=faulty))
@@ -182,7 +182,7 @@ def bridge_gaps(
 def _check_share(
     dataset: Dataset, sources: list[Source], runs: list[RoughRun], factor: int, notes: list[str]
 ) -> None:
-    """Refuse a joint of whose training torque in motion too much is clipped or frozen: the rest is biased."""
+    """Refuse a joint whose training torque is clipped or frozen too often in motion: the rest is biased."""
     count, faulty = np.zeros((2, len(dataset.joints)))
     never, moves = np.zeros((2, len(dataset.joints)), dtype=bool)
     for source, run in zip(sources, runs, strict=True):
@@ -213,7 +213,7 @@ def _choose_band(rough: list[RoughRun], moving: np.ndarray, rate: float, edge: f
     predicted = predict_rough(train, inner=False)
     pairs = [(run.tau[:, moving], out[:, moving]) for run, out in zip(train, predicted, strict=True)]
     torque = choose_torque_cutoff(pairs, rate / factor, edge)
-    # The motion filter must not be felt below the common cut-off, where the torque does not have it.
+    # The motion filter must change nothing below the common cut-off, since the torque does not pass it.
     return Band(rate, min(max(edge, 3.0 * torque), 0.4 * rate), torque)
 
 
@@ -331,7 +331,7 @@ def _make_signals(
 
 
 def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -> np.ndarray:
-    """Samples (N, n) at rest, next to a rest, or of which the torque or the motion is no measurement."""
+    """Samples (N, n) at rest, next to a rest, or without a measured torque or motion."""
     # The filter carries friction at rest, which is not determined, into the rows next to a rest.
     width = int(0.5 * band.rate / band.torque)
     bad = slow | spread_out(keep_lasting(slow, width), width)

@@ -1,4 +1,4 @@
-"""Pushes on a robot that stands: what its torques leave their level for."""
+"""Pushes on a robot at rest: moments at which its torques leave their level."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,8 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.recording import Run
 
-#: Deviations of a torque from its level that are a push; time between two of them [s]; most that are listed.
+#: Smallest push, in deviations of the torque from its level; least time between two [s]; most that are
+#: listed.
 _FAR, _APART, _MOST = 10.0, 1.0, 6
 
 
@@ -24,7 +25,7 @@ def say_pushes(dataset: Dataset, runs: Sequence[Run]) -> str:
 
 
 def find_pushes(t: np.ndarray, tau: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """Times [s] at which torques (N, n) leave their level most, and by how much each joint's does (n,).
+    """Times [s] at which torques (N, n) leave their level most, and each joint's departure (n,).
 
     A joint that stays within its noise has 0.
     """

@@ -8,12 +8,12 @@ from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
 #: Fewest changes of a position that show the step of its encoder.
 LEAST_CHANGES = 3
-#: Share of a step by which differences may be off whole steps, and of the differences that may be off more.
+#: Largest distance of a difference from whole steps, over a step; also the share of differences beyond it.
 _WHOLE = 0.02
 
 
 def no_losses() -> np.ndarray:
-    """No stretch of lost samples (0, 2)."""
+    """Empty array (0, 2) of stretches with lost samples."""
     return np.zeros((0, 2))
 
 
@@ -88,7 +88,7 @@ class Run:
 
 
 def estimate_quantum(q: np.ndarray) -> np.ndarray:
-    """Smallest step (n,) of recorded positions (N, n); 0 where nearly every value is another one.
+    """Smallest step (n,) of recorded positions (N, n); 0 where nearly all values differ.
 
     Values on a grid come back again and again, or lie whole steps apart; the smallest difference of two of
     them is the grid's step. A position that hardly ever changes shows none.

@@ -17,14 +17,15 @@ from wearscope.closed_loop.intake.recording import Run
 _COPY = 1e-3
 #: A copy shares at least this part of the shorter run, and this part of its signature.
 _OVERLAP, _SHARED = 0.2, 0.1
-#: Reach of the signature's maxima [s], and how far signatures of a copy lie apart, over the channel's spread.
+#: Half width of the signature's maxima [s]; largest distance of a copy's signature, over the channel's
+#: spread.
 _REACH, _APART = 0.2, 3e-3
 _LEAST_ROWS, _MOST_MARKS, _NEIGHBOURS = 50, 2000, 8
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What a run is known by.
+    """Signature by which a run is recognised.
 
     Attributes
     ----------
@@ -72,7 +73,7 @@ def find_copies(
     other = near.ravel()[near.ravel() < len(marks)]
     apart = of[one] < of[other]
     one, other = one[apart], other[apart]
-    # A copy shares marks at one and the same shift.
+    # All marks that a copy shares lie at the same shift.
     kinds = np.column_stack([of[one], of[other], row[one] - row[other]])
     found, shared = np.unique(kinds, axis=0, return_counts=True)
     for (i, k, shift), count in zip(found.tolist(), shared.tolist(), strict=True):
@@ -83,7 +84,7 @@ def find_copies(
 
 
 def is_copy(a: Run, b: Run, shift: int) -> bool:
-    """Whether two runs hold one recording: channels alike to a share of their spread that noise never is.
+    """Whether two runs hold the same recording: their channels agree more closely than noise allows.
 
     Parameters
     ----------

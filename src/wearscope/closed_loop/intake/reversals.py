@@ -20,14 +20,14 @@ from wearscope.closed_loop.intake.saturation import spread_out
 
 #: Widths that are tried, over the joint's largest speed in the training runs.
 WIDTHS = (0.0, *np.geomspace(5e-4, 0.25, 19).tolist())
-#: Speeds over which friction that grows towards rest falls off, over the largest one.
+#: Speeds over which friction that grows towards rest falls off, as shares of the largest speed.
 _STRIBECK = (0.02, 0.1)
 #: Distances over which friction builds up after a reversal (presliding), over the distance that the joint
 #: travels at its largest speed in a second.
 _PRESLIDING = (0.002, 0.01, 0.05)
 #: Length of a block of residuals in periods of the common filter; most samples that are looked at.
 _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
-#: Share of what is left by which friction towards rest must lower the loss to be fitted with the width.
+#: Friction that grows towards rest is fitted with the width only where it lowers the loss by this share.
 _CLEAR = 0.1
 
 
@@ -44,7 +44,7 @@ def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> 
 
 @dataclass(frozen=True)
 class _JointRows:
-    """One joint of one run: what does not depend on the width, reduced, and what does, at the full rate."""
+    """One joint of one run: reduced columns, and full-rate signals for columns that the width changes."""
 
     tau: np.ndarray
     fixed: np.ndarray
@@ -79,7 +79,7 @@ def _take_joint(run: RoughRun, j: int, band: Band, top: float, averaged: bool) -
 
 
 class _Losses:
-    """Squared residuals by block as a function of the width; what does not change with it is factorised once.
+    """Squared residuals by block, as a function of the width; all other columns are factorised once.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class _Losses:
         x = np.block([[onto + again, self.factor], [factor, np.zeros((k, fixed))]])
         y = np.concatenate([self.basis.T @ self.y, own.T @ self.y])
         lower = np.full(k + fixed, -np.inf)
-        # Friction takes power, what is added towards rest does too, and what lags comes late.
+        # Friction takes power; so does the part that grows towards rest, and the part that lags comes late.
         lower[: 1 + (len(_STRIBECK) + len(_PRESLIDING) if self.shaped else 0)] = 0.0
         theta = fit_bounded(x, y, lower, np.full(k + fixed, np.inf))[1]
         left = (self.y - moving @ theta[:k] - self.fixed @ theta[k:]) ** 2
@@ -125,10 +125,10 @@ class _Losses:
 
 
 def _choose_width(parts: list[_JointRows], length: int) -> float:
-    """Width, over the largest speed, of a joint whose friction has nothing else towards rest, or with that.
+    """Width of a joint's reversal, over the largest speed, without or with friction that grows towards rest.
 
-    A wide reversal with friction that rises towards rest is much like a narrower one without: only where the
-    torque clearly asks for such friction is it fitted too.
+    A wide reversal with such friction looks much like a narrower one without it. So it is fitted only where
+    the torque clearly asks for it.
     """
     designs: dict[float, np.ndarray] = {}
     width, plain = _choose_width_with(parts, _Losses(parts, length, False, designs))

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-#: Share of a torque's samples that its middle must hold to be fitted alone: where friction makes nearly all
-#: of a torque, the middle holds reversals and rest only.
+#: The middle of a torque's range is fitted alone where it holds this share of the samples. Where friction
+#: makes nearly all of a torque, the middle holds only reversals and rest.
 _MIDDLE = 0.5
-#: Standard deviation a priori of the factor of the rigid body's torque about one, and as how many independent
-#: samples a run's rows count with it.
+#: Prior standard deviation of the rigid body's factor about 1; number of independent samples that a run's
+#: rows count as next to this prior.
 _FACTOR, _SAMPLES = 0.5, 30
-#: Weight by which coefficients of columns of unit length are held about zero: of columns that say the same,
-#: as inertia and a rigid body about one axis do, a bounded fit ends at once, wherever rounding puts it.
+#: Ridge on the coefficients of columns of unit length. Two columns may say the same, as inertia and a rigid
+#: body about one axis do; without a ridge, rounding decides where a bounded fit ends.
 _HELD = 1e-7
 
 
@@ -129,11 +129,11 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
 def bridge_rest(
     tau: np.ndarray, known: np.ndarray, a: np.ndarray, v: np.ndarray, rest: np.ndarray
 ) -> np.ndarray:
-    """Torque (N, n) with the rough model's in place of what holds a joint at rest.
+    """Torque (N, n) in which the rough model's torque replaces the static friction of joints at rest.
 
-    Static friction may have any value there, which no regressor follows; a filter carries it into the motion
-    before and after. Where others move the joint's load while it rests, its own motion may tell little of the
-    rigid body's factor, as where it moves alone about an upright axis: the factor is then about one.
+    Static friction may have any value, which no regressor follows, and a filter would carry it into the
+    motion before and after. A joint's own motion may tell little of its rigid-body factor, as about an
+    upright axis; a prior then keeps the factor near 1.
 
     Parameters
     ----------
@@ -152,6 +152,7 @@ def bridge_rest(
         held[0, 0] = np.sqrt(float(error @ error) / _SAMPLES) / _FACTOR
         theta = fit_rough([x[moves], held], [left, np.zeros(1)])
         theta[0] += 1.0
-        # Not shifted to meet its neighbours: friction that grows towards rest is in them and ends with them.
+        # The bridge is not shifted to meet its neighbours: they hold friction that grows towards rest, which
+        # ends there.
         bridged[rest[:, j], j] = x[rest[:, j]] @ theta
     return bridged

@@ -1,8 +1,8 @@
-"""Torque samples that are not measurements: clipped ones are found, gaps bridged lest filters smear.
+"""Torque samples that are not measurements: clipped ones are found, and gaps are bridged before filtering.
 
-What a joint would have needed is told roughly by the declared model with friction and inertia fitted joint by
-joint; it serves only to find where a torque stays at a level that the motion must have exceeded, and to carry
-the common filter across the gap. Rows in a gap never count.
+The declared model, with friction and inertia fitted joint by joint, predicts roughly what a joint would have
+needed. The prediction serves only to find where a torque stays at a level that the motion must have exceeded,
+and to carry the common filter across the gap. Rows in a gap never count.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from scipy import ndimage
 
 #: Least share of a run's rows that must lie at a level before it is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
-#: A stated limit times these: from where a torque is at it, and from where it is beyond it.
+#: Factors on a stated limit: from the first on a torque is at the limit, from the second on beyond it.
 _AT, _OVER = 0.999, 1.05
 #: Share of a torque's span by which the rough prediction must exceed a limit.
 _BEYOND = 0.02
-#: Correlation of a torque with its prediction beyond a level from which the level is no limit: friction makes
-#: plateaus too, which rise with what the motion needs.
+#: A level is no limit where the torque beyond it correlates this much with its prediction: friction makes
+#: plateaus too, which rise with the torque that the motion needs.
 _FOLLOWS = 0.5
-#: Share of the samples that move one way, faster than `_FAST` of the top speed, from which a level that they
-#: keep is that of friction: it comes with the direction, and a limit with what the motion needs.
+#: A level is that of friction where it holds for this share of the samples that move one way, faster than
+#: `_FAST` of the top speed: friction comes with the direction, a limit with the torque that is needed.
 _WHENEVER, _FAST = 0.95, 0.2
 #: Share of the top speed below which a joint may rest, where friction is whatever holds it.
 _RESTS = 0.01
@@ -36,7 +36,7 @@ def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
 
 
 def _comes_with_direction(at: np.ndarray, v: np.ndarray) -> bool:
-    """Whether samples (N,) are all that move fast one way, by the speed v (N,), and no others."""
+    """Whether samples (N,) are exactly those that move fast in one direction, by the speed v (N,)."""
     fast = np.abs(v) > _FAST * np.abs(v).max()
     ways = [at[fast & (v > 0.0)], at[fast & (v < 0.0)]]
     shares = sorted(float(way.mean()) if len(way) else 0.0 for way in ways)
@@ -67,7 +67,7 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.n
 
 
 def goes_beyond(tau: np.ndarray, limit: float) -> bool:
-    """Whether a torque (N,) that reaches a stated limit mostly goes on beyond it: it is not held by it."""
+    """Whether a torque (N,) that reaches a stated limit mostly exceeds it."""
     over = np.abs(tau[np.abs(tau) >= _AT * limit])
     return bool(np.mean(over > _OVER * limit) > 0.5) if len(over) else False
 

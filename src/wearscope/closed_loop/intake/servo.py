@@ -26,15 +26,15 @@ from wearscope.robots.servos import COLUMNS, ServoFields
 
 #: Values that a register of 16 bits has.
 _WORD = 65536
-#: Share of the largest duty above which its sign, and that of the error, are looked at.
+#: Share of the largest duty above which the signs of duty and error are compared.
 _PLAIN = 0.1
-#: Correlation of the duty's size with the error's from which the error has the duty's sign.
+#: The error gives the duty's sign where the sizes of both correlate at least this much.
 _FOLLOWS = 0.8
 
 
 @dataclass(frozen=True)
 class ServoTorque:
-    """What a servo's columns say.
+    """Readings of a servo's columns.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def estimate_gain(duty: np.ndarray, error: np.ndarray, off: np.ndarray, limit: f
 
 
 def merge_notes(notes: Sequence[str]) -> list[str]:
-    """Notes, each ``file: text``, with those of one text as one."""
+    """Notes of the form ``file: text``; notes with the same text are joined."""
     files: dict[str, list[str]] = {}
     for note in notes:
         file, _, text = note.partition(": ")

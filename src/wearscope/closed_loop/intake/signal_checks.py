@@ -8,9 +8,9 @@ from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.traits.hypotheses import say_clock
 from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
 
-#: Counts of a torque that a joint which holds still may swing by.
+#: Largest torque swing of a joint that holds still [counts].
 _COUNTS = 5.0
-#: Difference of the logarithms of factors of speeds that are one.
+#: Largest difference of the logarithms of speed factors that count as the same.
 _ONE_FACTOR = 0.1
 
 
@@ -33,7 +33,7 @@ def check_signals(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
 
 
 def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -> None:
-    """Positions far outside the URDF's limits, which no zero offset explains, of joints not explained so."""
+    """Refuse positions far outside the URDF's limits that no zero offset and no other reading explains."""
     for joint in parse_urdf(prepared.urdf).joints:
         j = prepared.dataset.joints.index(joint.name)
         widest = max(abs(joint.lower), abs(joint.upper))
@@ -51,9 +51,9 @@ def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
 
 
 def check_speeds(prepared: Prepared) -> None:
-    """Refuse given speeds that are not the derivative of the positions as cleaned, in runs' first pieces.
+    """Refuse given speeds that are not the derivative of the cleaned positions, in each run's first piece.
 
-    Where those of all joints that move are off by one factor, it is the clock's.
+    Where the speeds of all moving joints are off by the same factor, the clock is wrong.
 
     Raises
     ------

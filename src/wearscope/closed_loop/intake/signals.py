@@ -12,7 +12,7 @@ from wearscope.effects.base import Signals
 
 #: Signals with a value a sample.
 _SAMPLED = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-#: What is known of single runs only, next to the slopes, which are those of other samples.
+#: Fields of a single run only, and slopes, which belong to other samples: empty where rows are picked.
 _OF_A_RUN: dict[str, Any] = {"torque": None, "transmitted": None, "lag": None, "reversal": None}
 
 

@@ -16,9 +16,10 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.spatial import unwrap_turns
 
-#: A joint moves that spans this share of the furthest one; a run rests that spans this share of the usual.
+#: A joint moves where it spans this share of the furthest joint's range, and the third value at least [rad or
+#: m]; a run rests below this share of the usual range.
 _MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
-#: Span [rad] by which joints that are held yield at most.
+#: Largest span [rad] by which a joint that is held still yields.
 _YIELDS = 4e-3
 #: Steps of an encoder within which a joint rests.
 _FEW = 5.0
@@ -71,9 +72,9 @@ def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
 
 
 def is_carried(dataset: Dataset, payload: PayloadFields | None) -> bool:
-    """Whether a run with a declared payload, or without one, carries what may be wrong of the declared ones.
+    """Whether an error of the declared payloads acts in a run with this payload, or without one.
 
-    Where no run declares any, something may be carried all the same.
+    Where no run declares any, every run may carry something.
     """
     masses = [run.payload.mass for run in dataset.runs if run.payload is not None]
     return (payload is not None and payload.mass > 0.0) or not any(mass > 0.0 for mass in masses)
@@ -89,7 +90,7 @@ def clean_runs(
 ) -> list[Source]:
     """Read every recording, split it at its gaps, bring it to a uniform grid and clean it.
 
-    Of a recording of which only stretches are used, these are left.
+    Where only stretches of a recording are used, the rest is dropped.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def clean_record(
 
 
 def _unwrap(dataset: Dataset, run: Run, notes: list[str]) -> Run:
-    """Run whose angles do not begin again at a full turn, before anything is taken between its samples."""
+    """Run with unwrapped angles; this comes before anything is interpolated between its samples."""
     q, wrapped = run.q.copy(), []
     for j, unit in enumerate(dataset.position_unit):
         if unit == "rad":
@@ -144,7 +145,7 @@ def _unwrap(dataset: Dataset, run: Run, notes: list[str]) -> Run:
 
 
 def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
-    """Step (n,) of each encoder; where a joint rests in a run, the largest of its kind, of any run."""
+    """Step (n,) of each encoder; for a joint that rests in a run, the largest step of its kind in any run."""
     units = np.array(dataset.position_unit)
     known = np.max([record.quantum for record in dataset.runs], axis=0)
     quantum = known.copy() if run.quantum is None else run.quantum.copy()
@@ -156,7 +157,7 @@ def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
 
 
 def _add_gravity(dataset: Dataset, run: Run, body: RigidBody) -> None:
-    """Give the torques that are recorded without gravity what the stated body has of it."""
+    """Add the stated body's gravity to the torques that are recorded without it."""
     without = [reading == "without_gravity" for reading in dataset.fields.readings().values()]
     if any(without) and any(body.gravity):
         still = np.zeros_like(run.q)
@@ -164,7 +165,7 @@ def _add_gravity(dataset: Dataset, run: Run, body: RigidBody) -> None:
 
 
 def _cut_stretches(sources: list[Source], stretches: tuple[tuple[float, float], ...]) -> list[Source]:
-    """What lies between times, as pieces; copies, so that the rest of the recording can go."""
+    """Pieces between given times; copies, so that the memory of the rest can be freed."""
     cut: list[Source] = []
     for source in sources:
         for start, stop in stretches:

@@ -160,7 +160,7 @@ def _first_text(series: pd.Series) -> tuple[int, str]:
 
 
 def take_joints(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray:
-    """Columns (N, n) of one kind, all of which must be there."""
+    """Columns (N, n) of one kind; all must be there."""
     return np.column_stack([take_column(path, frame, f"{kind}_{joint}") for joint in joints])
 
 

@@ -16,20 +16,20 @@ from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.effects.base import Signals
 from wearscope.effects.signals import differentiate
 
-#: Cut-offs tried, over the common one.
+#: Cut-offs that are tried, over the common cut-off.
 _TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)
-#: Error of a reversal's moment, times the common cut-off's angular frequency, at which the jump's torque
-#: below that cut-off is hardly another one: its correlation with the true one falls by half the square of it.
+#: Error of a reversal's moment, times the common cut-off's angular frequency, that hardly changes the jump's
+#: torque below that cut-off: its correlation with the true one falls by half the square of this number.
 _EARLY = 0.2
-#: Highest frequency over the motion filter's cut-off that this does not touch.
+#: Highest frequency that the motion filter leaves unchanged, over its cut-off.
 _UNTOUCHED = 0.7
 
 
 def choose_take_up_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarray:
-    """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up.
+    """Cut-off (n,) [Hz] of the torque whose reversals tell when each gear takes up its lost motion.
 
-    The lowest at which reversals are at their moment, as far as the load above it and the noise below it can
-    shift them; where none is, the one at which they are shifted least.
+    It is the lowest cut-off at which neither the load above it nor the noise below it shifts the reversals
+    much; where there is none, the one that shifts them least.
 
     Parameters
     ----------

@@ -21,14 +21,15 @@ from wearscope.closed_loop.intake.preprocessing import normalise_robot, prepare
 from wearscope.closed_loop.intake.sources import Source, clean_record, widest_reach
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 
-#: Cut-off of the motion that is looked at, and the rate that it is looked at with [Hz].
+#: Cut-off and rate [Hz] of the motion on which the choice is based.
 _CUTOFF, _RATE = 5.0, 25.0
-#: Share of its record's top speed below which a joint counts as at rest; temperature and time that a machine
-#: warms up to and in [deg C], [s].
+#: Share of its recording's top speed below which a joint counts as at rest; scales of temperature [deg C] and
+#: time [s] over which a machine warms up.
 _SLOW, _WARM, _LONG = 0.01, 30.0, 1000.0
-#: Information that is there before the first stretch, of that of a usual one.
+#: Information before the first stretch, as a share of a usual stretch's.
 _BEFORE = 1e-3
-#: Share of what may be used that one recording may take, and that goes to one of each session and payload.
+#: Largest share of the budget for one recording; share that goes first to one stretch of each session and
+#: payload.
 _OF_ONE, _OF_KINDS = 0.1, 0.5
 #: Information on one stretch by joint (n, F, F), in single precision: there can be tens of thousands.
 _KIND = np.float32
@@ -86,7 +87,7 @@ class Stretch:
 
 
 def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
-    """`prepare` of what `thin_dataset` leaves, thinned again where the common filter keeps too many rows."""
+    """Prepare the thinned data set; thin again where the common filter keeps too many rows."""
     budget = budget or Budget()
     prepared = prepare(thin_dataset(dataset, budget))
     if prepared.n * sum(len(run.t) for run in prepared.runs_for("train")) <= budget.joint_rows:
@@ -155,7 +156,7 @@ def _split(number: int, record: RunRecord, length: float) -> list[Stretch]:
 
 
 def _join(stretches: list[Stretch]) -> tuple[tuple[float, float], ...]:
-    """Times of stretches of one recording in order, those that touch as one."""
+    """Times of one recording's stretches in order; stretches that touch are joined."""
     joined: list[tuple[float, float]] = []
     for s in sorted(stretches, key=lambda s: s.start):
         if joined and joined[-1][1] == s.start:
@@ -202,7 +203,7 @@ FEATURES = 17
 
 
 def list_features(source: Source, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a joint's torque may depend on, of a cleaned recording: times (M,) and features (M, n, FEATURES).
+    """Times (M,) of a cleaned recording, and features (M, n, FEATURES) that a joint's torque may depend on.
 
     The motion is that below 5 Hz; the torque is not looked at.
     """
@@ -275,7 +276,7 @@ class _Choice:
         return self.information[k] * self.scale[:, :, None] * self.scale[:, None, :]
 
     def gain(self, k: int) -> float:
-        """What a stretch adds for each of its seconds."""
+        """Gain of a stretch for each of its seconds."""
         return (self._measure(self.known + self._scaled(k)) - self.size) / float(self.seconds[k])
 
     def take(self, k: int) -> None:
@@ -287,7 +288,7 @@ class _Choice:
         self._of[int(self.record[k])] += float(self.seconds[k])
 
     def fill(self, share: float) -> None:
-        """Take the best of what is left, at most `share` seconds of a recording.
+        """Take the best remaining stretches, at most `share` seconds of a recording.
 
         What a stretch adds only falls as others are taken, so that an old figure is a bound (Minoux 1978).
         """

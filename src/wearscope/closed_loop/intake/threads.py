@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from wearscope.closed_loop.intake.prepared import PreparedRun
 
-#: Most threads; samples of a joint in all from which they are worth it.
+#: Largest number of threads; number of samples of a joint in all runs from which several threads pay off.
 _THREADS, _WORTH = 2, 500_000
 
 _Out = TypeVar("_Out")
@@ -18,7 +18,7 @@ _Given = ParamSpec("_Given")
 
 
 def keep_to_one_thread(function: Callable[_Given, _Out]) -> Callable[_Given, _Out]:
-    """The function with one thread for linear algebra: for small matrices more threads only wait."""
+    """Wrap a function so that linear algebra uses one thread: for small matrices more threads only wait."""
 
     @wraps(function)
     def limited(*args: _Given.args, **kwargs: _Given.kwargs) -> _Out:
@@ -29,7 +29,7 @@ def keep_to_one_thread(function: Callable[_Given, _Out]) -> Callable[_Given, _Ou
 
 
 def map_runs(function: Callable[..., _Out], runs: Sequence[PreparedRun], *more: Sequence[Any]) -> list[_Out]:
-    """What a function gives of each run, in their order.
+    """Results of a function for each run, in the order of the runs.
 
     Parameters
     ----------

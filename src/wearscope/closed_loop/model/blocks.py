@@ -7,14 +7,14 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared
 
-#: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets.
+#: Length of a block in periods of the common cut-off, which bounds how fast autocorrelation decays.
 _BLOCK_PERIODS = 4.0
 #: Shortest block [s]; most blocks and folds.
 _SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
-#: Parts of a recording that is held out in parts.
+#: Number of parts of a recording that is held out in parts.
 _FIFTHS = 5
-#: Of a single run: parts in which a joint should move, share of its motion over an even one from which
-#: it does, shortest stretch [blocks].
+#: For a single run: number of parts in which a joint should move; share of an even spread of its motion from
+#: which it counts as moving in a part; shortest stretch [blocks].
 _ENOUGH, _MOVES_IN, _SHORTEST_STRETCH = 4, 0.25, 2
 
 
@@ -51,7 +51,7 @@ class Folds:
 
 
 def make_blocks(prepared: Prepared) -> list[Block]:
-    """Contiguous blocks of the training runs, long against the correlation of the residual.
+    """Contiguous blocks of the training runs, much longer than the residual's autocorrelation.
 
     There are at most `_MOST_BLOCKS` of them or two a run, so that cost stays linear in the rows.
     """
@@ -67,7 +67,7 @@ def make_blocks(prepared: Prepared) -> list[Block]:
 
 
 def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None = None) -> Folds:
-    """Whole runs held out in turn; of a single run, contiguous fifths with a block's gap on either side.
+    """Folds of whole runs in turn, or of contiguous fifths of a single run, a block apart from the rest.
 
     Where a joint of a single run moves in one of them only, as when joints move one after the other, each
     fifth is several stretches of the run, as few as give every joint its share.
@@ -96,9 +96,9 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
 
 
 def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
-    """The same with the first to the last fifth of every recording held out, a block's gap on either side.
+    """Folds that hold out the first to the last fifth of every recording, a block apart from the rest.
 
-    For what need not be shown along a motion that it was not fitted on, or what only one recording shows.
+    They serve for effects that need not be shown along another motion, or that only one recording shows.
     """
     parts = _cut(folds.recording, _FIFTHS)
     test = np.array([parts % _FIFTHS == k for k in range(_FIFTHS)])
@@ -107,7 +107,7 @@ def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
 
 
 def _cut(recording: np.ndarray, share: int) -> np.ndarray:
-    """Part (B,) of each block where every recording is cut into so many contiguous ones."""
+    """Part (B,) of each block, where every recording is cut into contiguous parts."""
     parts = np.empty(len(recording), dtype=int)
     for r in np.unique(recording):
         own = np.flatnonzero(recording == r)

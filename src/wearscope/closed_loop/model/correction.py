@@ -40,11 +40,11 @@ def _limits(prepared: Prepared) -> dict[str, list[float]]:
 def estimate_torque_noise(prepared: Prepared) -> list[float]:
     """Standard deviation of white noise on each joint's recorded torque, from its third differences.
 
-    Motion is smooth from sample to sample and noise is not; the median leaves reversals out.
+    Motion is smooth from sample to sample, noise is not; the median is robust against reversals.
     """
     differences = [np.diff(run.tau, 3, axis=0) for run in prepared.runs]
     size = np.median(np.abs(np.concatenate(differences)), axis=0) * 1.4826 / np.sqrt(20.0)
-    # Recordings that were decimated lost the noise above their new rate.
+    # Decimated recordings lost the noise above their new rate.
     kept = prepared.band.rate / prepared.dataset.fields.sample_rate
     return [float(value) for value in size / np.sqrt(min(kept, 1.0))]
 
@@ -122,7 +122,7 @@ def make_corrected_model(
 
 
 def _tell_intervals(estimate: Estimate) -> dict[str, object]:
-    """What a model file says of parameters that were estimated; nothing of a generic term's."""
+    """Entry of a model file on estimated parameters; empty for a generic term."""
     ends = {name: [float(x) for x in pair] for name, pair in estimate.intervals.items()}
     kept = {name: pair for name, pair in ends.items() if np.isfinite(pair).all()}
     if estimate.entry.effect.empirical or not kept:
@@ -131,7 +131,7 @@ def _tell_intervals(estimate: Estimate) -> dict[str, object]:
 
 
 def corrected_urdf(prepared: Prepared, model: Regression, theta: np.ndarray) -> str:
-    """URDF with the inertial parameters of `theta` (p,), physically consistent; as it is where they stand."""
+    """URDF with the inertial parameters of `theta` (p,), made consistent; unchanged without any."""
     if not model.inertial:
         return prepared.urdf
     dataset = prepared.dataset

@@ -1,4 +1,4 @@
-"""The declared model: terms of the declared effects, fitted with the scale of what they leave."""
+"""The declared model: terms of the declared effects, weighted by the scale of their residual."""
 
 from collections.abc import Sequence
 
@@ -42,10 +42,10 @@ def declared_terms(
 
 
 def fit_declared(prepared: Prepared, effect: Effect, joint: int, joined: Signals) -> ModelTerm | None:
-    """Term of a declared effect: the shape that fits a joint's torque best, what the signals determine.
+    """Term of a declared effect: best fitting shape, and the coefficients that the signals determine.
 
-    Coefficients whose regressor is zero (wear, where nothing says how worn) or unknown (a temperature that
-    was not recorded) are left out; None where none is left.
+    Coefficients whose regressor is zero (wear of unknown level) or unknown (a temperature that was not
+    recorded) are left out; None where all are.
     """
     shapes = effect.shapes(joined, joint)
     subset = effect.subsets()[-1]

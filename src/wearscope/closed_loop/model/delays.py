@@ -1,9 +1,9 @@
 """Declared delays of the torque channels: each is searched as a shift, and its channel is moved by it.
 
-A torque that is recorded late by d is the motor's at t - d. Along a motion of several hertz that is far from
-linear in a delay of tens of milliseconds, so that no derivative may take its place. All other coefficients of
-a joint are projected out at every delay of a grid, and the best one is refined (variable projection, Golub
-and Pereyra 1973). What is left to find of it is then a small part of a sample, about which it is linear.
+A torque that is recorded late by d is the motor torque at t - d. Along a motion of several hertz it is far
+from linear in a delay of tens of milliseconds, so a derivative is not enough. All other coefficients of a
+joint are projected out at every delay of a grid, and the best one is refined (variable projection, Golub and
+Pereyra 1973). The remaining delay is a small part of a sample, for which a linear term suffices.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,14 +21,15 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Longest delay that is searched [s], and of the shortest run; steps of the grid a period of the cut-off.
+#: Longest delay that is searched, in s and as a share of the shortest run; grid steps in a period of the
+#: cut-off.
 _LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
-#: Rows of a joint that are used, at most.
+#: Largest number of rows of a joint that are used.
 _MOST_ROWS = 20_000
 
 
 def find_delays(model: Regression, joints: Sequence[int], common: bool = False) -> np.ndarray:
-    """Delay (n,) [s] of each torque channel that leaves least of it; zero at the other joints.
+    """Delay (n,) [s] of each torque channel with the smallest residual; zero at the other joints.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def _find_longest(model: Regression) -> float:
 
 
 def _find_least(model: Regression, misses: Sequence[Callable[[float], float]]) -> float:
-    """Delay [s] at which joints together leave least."""
+    """Delay [s] at which the joints' residuals together are smallest."""
     if not misses:
         return 0.0
     longest = _find_longest(model)
@@ -70,14 +71,14 @@ def _find_least(model: Regression, misses: Sequence[Callable[[float], float]]) -
 
 
 def _weigh_delays(model: Regression, joint: int) -> Callable[[float], float] | None:
-    """Share of a joint's torque that is left with its channel moved by a delay; None of too few rows."""
+    """Residual share of a joint's torque as a function of its channel's shift; None with too few rows."""
     prepared = model.prepared
     train, longest = prepared.runs_for("train"), _find_longest(model)
     every = max(1, sum(len(run.t) for run in train) // _MOST_ROWS)
     columns, parts = [], []
     for run, x in zip(train, model.columns, strict=True):
         known = run.reduce(run.known[:, [joint]])
-        # A whole body's scale is free, as its masses may be wrong.
+        # The rigid body's factor is free, as its masses may be wrong.
         inside = (run.t >= run.t[0] + longest) & (run.t <= run.t[-1] - longest)
         at = np.flatnonzero(run.keep[:, joint] & inside)[::every]
         columns.append(np.column_stack([x[at, joint], known[at], np.ones(len(at))]))
@@ -147,7 +148,7 @@ def _load_moved(load: Callable[[], Run], delays: np.ndarray) -> Run:
 
 
 def undo_shifts(model: Regression, terms: Sequence[ModelTerm]) -> Regression:
-    """A model of moved channels as it is without the delays of some terms: these are held at zero in all."""
+    """A model of shifted channels with the delays of some terms taken out, which are then zero everywhere."""
     known = {
         k: np.array([-find_shift(model.prepared, term.joint)])
         for k, term in enumerate(model.entries)

@@ -13,13 +13,13 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm, reduce_columns
 from wearscope.effects.vocabulary import plain_friction
 
-#: Information on a spline's height below which nothing is known of it, over that on its best known one.
+#: Relative information below which a spline's height counts as unknown; the best known height has 1.
 _INFORMED = 1e-3
 
 
 @dataclass
 class JointFit:
-    """What the data say of all free values of a model at once.
+    """Joint estimate of all free values of a model.
 
     Attributes
     ----------
@@ -70,15 +70,15 @@ class Estimate:
     p_value: float
 
 
-#: Step of the logarithm of a reversal's width for its derivative; standard deviation a priori of the share of
-#: another form in it.
+#: Step of the logarithm of a reversal's width for the derivative; prior standard deviation of another form's
+#: share.
 _STEP, _FORM = 0.02, 0.5
 
 
 def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """What reversals of another width or form would change in the prediction, and how unsure each is.
+    """Change of the prediction with the width and form of reversals, and the uncertainty of each.
 
-    Widths and forms were chosen on the same runs, so that what is not known of them is not known of friction.
+    Widths and forms were chosen on the same runs, so their uncertainty is part of friction's.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.n
 
 
 def _list_plain(model: Regression) -> list[np.ndarray]:
-    """Columns (M, n, k) by run of plain friction without a name, which every joint has, however small."""
+    """Columns (M, n, k) by run of unnamed plain friction, of which every joint may have a little."""
     there = [
         [e.effect for e in model.entries if e.joint == j and not e.effect.spread]
         for j in range(model.prepared.n)
@@ -134,7 +134,7 @@ def _list_plain(model: Regression) -> list[np.ndarray]:
 
 
 def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
-    """Derivative of the prediction with respect to each free shape: rows (M, n) by run, and whose it is."""
+    """Derivative (M, n) by run of the prediction with respect to each free shape, and the shape's place."""
     train = model.prepared.runs_for("train")
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
@@ -165,10 +165,10 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. What is believed of a body's
-    inertials beforehand counts as observations of them, with their own scatter. Intervals take Student's t
-    with as many degrees of freedom as clusters carry the parameter's information, less one. Where a regressor
-    was made from the measured torque, its noise-free instrument takes its place in the scores.
+    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. The prior on a body's inertial
+    parameters counts as observations with their own scatter. Intervals take Student's t with as many degrees
+    of freedom as clusters carry the parameter's information, less one. Where a regressor was made from the
+    measured torque, its noise-free instrument takes its place in the scores.
 
     Parameters
     ----------
@@ -208,13 +208,13 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     inverse = _invert(hessian)
     held = np.diag(prior)
     held[: model.p, : model.p] += model.weak_prior
-    # Each joint's torque is an observation of its own, and what a prior holds is not taken from them.
+    # Each joint's torque is a separate observation; degrees of freedom that a prior fixes are not subtracted.
     taken = float(np.trace(inverse @ (hessian - held))) / max(int(model.prepared.moving.sum()), 1)
     meat = scores.T @ scores * blocks / max(blocks - taken, 1.0) + np.diag(prior)
     meat[: model.p, : model.p] += model.inertial_prior
     covariance = inverse @ meat @ inverse.T
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    # A mixture of forms, and plain friction without a name, would move the estimates by so much.
+    # A mixture of forms, and unnamed plain friction, would shift the estimates by this much.
     free = np.arange(p) >= p - plain[0].shape[2]
     moved = np.abs(inverse @ np.where(free | (prior > 0.0), scores.sum(axis=0), 0.0))
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
@@ -226,7 +226,7 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
 
 
 def _measure_by_part(model: Regression, inverse: np.ndarray, scores: np.ndarray) -> np.ndarray:
-    """Half of each value's 95 % interval with the parts that must agree as clusters: runs, or parts of few.
+    """Half of each value's 95 % interval, with runs as clusters, or parts of runs where there are few.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def estimate(model: Regression, unnamed: bool = True) -> list[Estimate]:
             name = entry.effect.coefficients[k].name
             shift = find_shift(model.prepared, entry.joint) if name == "delay" else 0.0
             values[name] = float(theta[index]) + shift
-            # A delay that is held is not estimated, and where no row informs there is nothing to estimate.
+            # A fixed delay is not estimated, nor is anything without informative rows.
             if i in model.held and entry.is_measurement_error:
                 continue
             if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
@@ -287,7 +287,7 @@ def estimate(model: Regression, unnamed: bool = True) -> list[Estimate]:
 def draw_parameters(
     model: Regression, joint: JointFit, rng: np.random.Generator, draws: int
 ) -> list[tuple[np.ndarray, list[dict[str, float]]]]:
-    """Parameters that the data allow: normal, with the estimate's correlations and each value's own interval.
+    """Draws of parameters: normal, with the estimate's correlations and each value's own interval.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def draw_parameters(
     correlation = joint.covariance / np.outer(error, error)
     values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    # Student's t widens each interval by its own degrees of freedom; where nothing informs, nothing varies.
+    # Student's t widens each interval by its own degrees of freedom; an uninformed value does not vary.
     spread = np.where((variance > 0.0) & np.isfinite(joint.width), joint.width / stats.norm.ppf(0.975), 0.0)
     best = model.solve_bounded()
     drawn = []

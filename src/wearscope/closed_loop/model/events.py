@@ -1,9 +1,8 @@
 """Short events in what a model leaves of the torques: pushes and collisions, and a threshold for them.
 
-What a model leaves is noise, with a tail of its own, and structure. An event stands out from that tail: taken
-for an exponential through the upper quartile and the upper tenth of the sizes, it gives the size that none of
-so many rows reaches by chance. Near reversals models miss more than elsewhere: these rows have a spread and a
-tail of their own.
+A residual is noise, with a tail, and structure. An event stands out from that tail. An exponential through
+the upper quartile and the upper tenth of the sizes gives the size that no row is expected to reach by chance.
+Near reversals models miss more than elsewhere, so these rows have their own spread and tail.
 """
 
 from collections.abc import Sequence
@@ -19,29 +18,31 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 
 Event = dict[str, Any]
 
-#: Shares of the rows by which the tail is known; events of a joint by chance, in all runs.
+#: Shares of the rows that define the tail; expected number of chance events of a joint in all runs.
 _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
-#: Robust standard deviations at an event's ends; longest event and longest gap within one [s]; share of the
-#: rows from which it is no event but structure.
+#: Size at an event's ends [robust standard deviations]; longest event and longest gap within one [s]; share
+#: of the rows from which it counts as structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
-#: The same share where healthy runs say what is noise; own spread over theirs from which the own one counts.
+#: The same share where healthy runs define the noise; ratio to their spread from which the own spread counts.
 _MOST_OF_SESSION, _WIDER = 0.4, 2.0
 _LOUD = 0.1  # share of a stretch's largest size above which it is loud
 _LASTS = 0.25  # share of its largest torque down to which an event lasts: the filter's ringing is less
-#: Share of a joint's largest speed below which what is left may be a reversal's form, and how far the filters
-#: carry that, in periods of the common cut-off.
+#: Share of a joint's largest speed below which a residual may be the reversal's form; reach of the filters
+#: from there, in periods of the common cut-off.
 _SLOW, _REACH = 0.05, 1.0
-#: Rows over which what is left is averaged, next to each by itself.
+#: Numbers of rows over which residuals are averaged, in addition to single rows.
 _WIDTHS = (2, 4)
-#: Fewest passes of a place with an event, of more than half of all, that make it the machine's own.
+#: An event belongs to the machine where it occurs in more than half of the passes of a place, and in at least
+#: this many.
 _COMES_BACK = 3
-#: Share of the joint's torque, RMS, that an event has at least.
+#: Smallest event as a share of the joint's torque (RMS).
 _SMALL = 0.01
-#: Fewest runs of the same motion whose median a push in one of them does not move.
+#: Fewest runs of the same motion whose median a push in a single run does not change.
 _ALIKE = 3
-#: Passes of a robust fit.
+#: Iterations of a robust fit.
 FITS = 5
-#: Speeds over which friction falls, over the largest one; places of a joint between which a torque is linear.
+#: Speeds over which friction falls, over the largest speed; number of positions between which a torque is
+#: linear.
 _FALLS, _PLACES = (0.05, 0.3), 8
 #: Events within a time without any are fewer than this, with 95 % confidence (Hanley and Lippman-Hand 1983).
 _RULE_OF_THREE = 3.0
@@ -58,8 +59,8 @@ def find_events(
 ) -> list[Event]:
     """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
 
-    What is smaller than a step of the named effects next to it may be that step at another moment, as of a
-    lost motion that is crossed a little later, and is no event.
+    A residual smaller than a nearby step of a named effect is no event: it may be that step at another
+    moment, as where a lost motion is crossed a little later.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def find_events(
 
 
 def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
-    """When a torque that the model does not have is large, the largest, and the time in which it is seen."""
+    """Start, duration and largest size of a torque that the model does not have."""
     peak = int(np.argmax(np.abs(missed)))
     small = missed / missed[peak] < _LASTS
     first = float(t[np.max(np.flatnonzero(small[:peak]), initial=0)])
@@ -118,7 +119,7 @@ def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
 
 
 def _is_near_reversal(run: PreparedRun, joint: int, top: float) -> np.ndarray:
-    """Rows (M,) so near to a reversal or a rest that friction's form may be felt in them."""
+    """Rows (M,) so near to a reversal or a rest that friction's form may affect them."""
     slow = np.abs(run.signals.v[:, joint]) < _SLOW * top
     reach = int(_REACH / run.band.torque * run.band.rate)
     felt = ndimage.maximum_filter1d(slow, 2 * reach + 1)
@@ -130,8 +131,8 @@ def measure_tails(
 ) -> np.ndarray:
     """Noise and tail of each joint (n, k) in runs without events, for `find_events`.
 
-    Not finite where it rests. By joint: the largest size over its spread in rows away from reversals and
-    near them, and the spreads.
+    For each joint: the largest size over the spread, in rows away from reversals and near them, and the
+    spreads. Not finite where the joint rests.
     """
     found = np.full((len(moving), 4 + len(_WIDTHS)), np.inf)
     for j in np.flatnonzero(moving).tolist():
@@ -151,10 +152,11 @@ def _measure_sizes(
     classes: Sequence[Sequence[np.ndarray]],
     healthy: np.ndarray | None = None,
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """What is left of each run (M,) over its robust spread in rows of the same class, over the best width.
+    """Residual of each run (M,) over its robust spread in rows of the same class, at its best width.
 
-    A torque that lasts for several rows stands out of their mean further than of each of them. Spreads come
-    second: of either class, then of each width; those of healthy runs where the own ones are not far wider.
+    A torque that lasts for several rows stands out more from their mean than from single rows. The spreads
+    are returned second, by class, then by width: spreads of healthy runs, unless those of the runs themselves
+    are far wider.
     """
     spreads: list[float] = []
 
@@ -194,15 +196,15 @@ def _stand_out(
     classes: Sequence[Sequence[np.ndarray]],
     limits: np.ndarray,
 ) -> tuple[list[list[slice]], int]:
-    """Stretches that stand out of the tail of their class's rows, and how many rows are not loud in any.
+    """Stretches that stand out of the tail of their class's rows, and how many rows lie outside all of them.
 
-    No limit is above those (2,) that are given.
+    No limit exceeds those given (2,).
     """
     limits = limits.copy()
     calm = [[c.copy() for c in own] for own in classes]
     found: list[list[slice]] = []
     for _ in range(FITS):
-        # Events stand in the tail that they are judged by, so that the next pass is without them.
+        # Events distort the tail that they are judged by, so the next pass leaves them out.
         for c in range(2):
             rest = np.concatenate([size[own[c]] for size, own in zip(sizes, calm, strict=True)])
             limits[c] = min(limits[c], _find_limit(rest)) if len(rest) else np.inf
@@ -226,7 +228,7 @@ def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
 
 
 def _find_limit(size: np.ndarray) -> float:
-    """Size that no row reaches by chance, by the tail of all."""
+    """Size that no row is expected to reach by chance, from the tail of all rows."""
     upper, top = np.quantile(size, [1.0 - _UPPER, 1.0 - _TOP])
     mean = (top - upper) / np.log(_UPPER / _TOP)
     return float(top + mean * np.log(max(_TOP * len(size), 1.0) / _CHANCE))
@@ -235,8 +237,8 @@ def _find_limit(size: np.ndarray) -> float:
 def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) -> list[slice]:
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
 
-    A longer stretch may be several events that a filter's ringing joins. It is cut half way between its loud
-    parts, which are near its largest size, if each of these is no longer than an event.
+    A longer stretch may be several events that a filter's ringing joins. It is cut half way between the parts
+    near its largest size, if none of these is longer than an event.
     """
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
 
@@ -263,9 +265,9 @@ def _is_loud(size: np.ndarray) -> np.ndarray:
 def _leave_places(
     runs: Sequence[PreparedRun], sizes: Sequence[np.ndarray], found: Sequence[Sequence[slice]], joint: int
 ) -> list[list[slice]]:
-    """Stretches without those where a joint has one in most of its passes, as at a damaged tooth.
+    """Stretches without those at places where most passes of a joint have one, as at a damaged tooth.
 
-    That is a trait of the machine. Of a place that is passed less than `_COMES_BACK` times nothing is known.
+    These belong to the machine. A place with fewer than `_COMES_BACK` passes is not judged.
     """
     positions = [run.signals.q[rows(run.band, len(run.signals.t)), joint] for run in runs]
     inside = [np.zeros(len(run.t), dtype=bool) for run in runs]
@@ -286,7 +288,7 @@ def _leave_places(
 
 
 def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint: str) -> np.ndarray:
-    """Whether the torque at times `t` of a run is of an event, as far as the common filter carries it."""
+    """Whether the torque at times `t` of a run is within an event and the common filter's reach."""
     reach, t = _REACH / run.band.torque, t + run.start
     marked = np.zeros(len(t), dtype=bool)
     for e in events:
@@ -307,9 +309,9 @@ def leave_out(
 
 
 def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """What is left (M, n) of each run without what goes with each joint's own state in all of them.
+    """Residual (M, n) of each run without what depends on each joint's own state in all runs.
 
-    A change of a machine goes with its state (friction, a load, a gain, a spring), a push does not.
+    A change of the machine depends on its state (friction, a load, a gain, a spring); a push does not.
     """
     out = [x.copy() for x in left]
     for j in range(left[0].shape[1] if left else 0):
@@ -336,7 +338,7 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
             theta = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=1e-8)[0]
             miss = np.abs(y - x @ theta)
             scale = max(1.4826 * float(np.median(miss[counts])), 1e-300)
-            # A push weighs no more than a row of noise does (Huber 1964).
+            # A push has no more weight than a row of noise (Huber 1964).
             weight = counts * np.sqrt(np.minimum(1.0, 2.0 * scale / np.maximum(miss, 1e-300)))
         begins = np.cumsum([len(one) for one in left])[:-1]
         for one, rest in zip(out, np.split(y - x @ theta, begins), strict=True):
@@ -347,7 +349,7 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
 def take_out_common(
     runs: Sequence[PreparedRun], left: Sequence[np.ndarray], repeats: Sequence[tuple[int, int]]
 ) -> list[np.ndarray]:
-    """What is left (M, n) of each run without its median over all runs of the same motion, of three or more.
+    """Residual (M, n) of each run without its median over the runs of the same motion, if three or more.
 
     Parameters
     ----------

@@ -19,11 +19,12 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Signals
 
-#: (w/w0)^2 at the common cut-off up to which a model alone gives a gear's torque, w0 where the link swings.
+#: Largest (w/w0)^2 at which a model alone gives a gear's torque: w at the common cut-off, w0 where the link
+#: swings.
 _STIFF = 0.5
 #: Damping about w0 and beyond; corrections of the torque through a gear.
 _DAMPING, PASSES = 1.0, 4
-#: Where they diverge: most steps, and residual at which they end.
+#: Where the corrections diverge: most steps of GMRES, and residual at which it ends.
 _STEPS, _PRECISE = 12, 1e-3
 
 
@@ -40,7 +41,7 @@ def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) ->
 
 
 def bending_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
-    """What the deflection of the gears under `signals.transmitted` changes in the link's torque."""
+    """Change of the link's torque by the deflection of the gears under `signals.transmitted`."""
     torque = np.zeros_like(signals.load)
     for term, span in zip(model.entries, model.spans, strict=True):
         if term.is_deflection:
@@ -65,8 +66,8 @@ def softness(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarr
 def take_out_swing(stiff: np.ndarray) -> np.ndarray:
     """Gain of a correction at frequencies where a link's torque is `stiff` times its motor's inverse.
 
-    About the swing itself and beyond it is damped: there a motor's motion holds next to nothing of its
-    link's, and what little it holds, and its noise, would ring.
+    It is damped near the swing and beyond: there the motor's motion tells next to nothing of the link's, and
+    its noise would ring.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
 def _solve_whole(
     miss: Callable[[np.ndarray], np.ndarray], correct: Callable[[np.ndarray], np.ndarray], given: np.ndarray
 ) -> np.ndarray:
-    """Torque (N, m) that misses nothing, by GMRES with `correct` as preconditioner, stopped early.
+    """Torque (N, m) that solves the equation, by GMRES with `correct` as preconditioner, stopped early.
 
     Saad and Schultz 1986. Corrections for a mean inertia diverge where the inertia changes by much.
 

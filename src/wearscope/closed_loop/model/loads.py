@@ -10,7 +10,7 @@ from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Share by which the corrected bodies' load differs from the one along which effects are fitted.
+#: Relative difference of the corrected bodies' load from that along which effects were fitted.
 OTHER = 0.03
 
 

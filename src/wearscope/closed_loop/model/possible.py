@@ -15,7 +15,7 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Parameter
 
-#: What makes such an estimate, by what the effect depends on.
+#: Likely causes of such an estimate, by the signal that the effect depends on.
 _CAUSES = {
     "qdd_{joint}": "the URDF's inertias are too large, the torque lacks the body's own part, or the torque "
     "and position channels are shifted in time",

@@ -17,10 +17,10 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import MeasurementEffect, Signals
 
-#: Passes of the fit where a term acts on what the others predict.
+#: Iterations of the fit where a term acts on the prediction of the others.
 _PASSES = 4
-#: Runs repeat each other whose positions differ by less than this share of the reach, RMS; time between the
-#: samples that are compared first [s].
+#: Two runs repeat each other where their positions differ by less than this share of the reach (RMS); time
+#: between the samples that are compared first [s].
 _SAME, _LOOK = 0.01, 0.5
 
 
@@ -103,7 +103,7 @@ def find_operating_point(model: Regression) -> list[Signals]:
 
 
 def find_signals(model: Regression, theta: np.ndarray, run: PreparedRun) -> Signals:
-    """Signals of a run with the motors' and the gears' torque that a model gives along its motion."""
+    """Signals of a run, with a model's torque of motors and gears along the motion."""
     signals = replace(run.signals, transmitted=solve_gears(model, theta, run))
     motor = predict_motor(model, theta, run, signals)
     return replace(signals, torque=motor, lag=find_lags(model, theta))
@@ -176,7 +176,7 @@ def bootstrap_rms(
 
 
 def _interval(drawn: np.ndarray) -> np.ndarray:
-    """95 % interval (2, n) of draws (draws, n); those in which no row of a joint counts say nothing of it."""
+    """95 % interval (2, n) of draws (draws, n), without draws in which no row of a joint counts."""
     found = np.full((2, drawn.shape[1]), np.nan)
     known = np.isfinite(drawn).any(axis=0)
     found[:, known] = np.nanquantile(drawn[:, known], [0.025, 0.975], axis=0)
@@ -229,7 +229,7 @@ def find_repeats(prepared: Prepared) -> list[tuple[int, int]]:
             if short < 0.9 * max(len(a), len(b)) or payload[runs[i].file] != payload[runs[k].file]:
                 continue
             most = short * (_SAME * reaches[i]) ** 2
-            # A few samples that are further apart than all may be end most comparisons.
+            # Most comparisons end early, at a few samples that are too far apart.
             few = min(len(looks[i]), len(looks[k]), -(-short // step))
             if np.any(((looks[i][:few] - looks[k][:few]) ** 2).sum(axis=0) > (1.0 + 1e-9) * most):
                 continue

@@ -1,4 +1,4 @@
-"""Weighted least squares by blocks: everything asked of the data is answered from block Gram matrices."""
+"""Weighted least squares by blocks: all fits are made from Gram matrices by block."""
 
 from dataclasses import dataclass, field
 
@@ -11,20 +11,20 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
 
-#: Change of a joint's residual scale below which the weights that it gives are settled, and most rounds.
+#: Relative change of a joint's residual scale below which the weights are settled; most rounds until then.
 SETTLED, ROUNDS = 0.01, 30
-#: Weight with which a coefficient is held, of the runs' own information on it.
+#: Weight that fixes a coefficient, over the runs' own information on it.
 _HOLD = 1e8
-#: Weights against the mean square of a hat function: of the squared differences of neighbouring heights of a
-#: coarse spline, of the squared heights of any.
+#: Penalties relative to the mean square of a hat function: on squared differences of neighbouring heights of
+#: a coarse spline, and on squared heights of every spline.
 _ROUGHNESS, _SHRINKAGE = 0.001, 0.01
 
 
 def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
-    There a coarse spline, which describes what is smooth, continues its course (Eilers and Marx 1996), and
-    every spline goes to zero: also where all heights together are what another term of the model is.
+    There a coarse spline continues smoothly (Eilers and Marx 1996), and every spline tends to zero. It also
+    settles a constant sum of heights that another term of the model has too.
     """
     penalty = _SHRINKAGE * np.eye(knots)
     if knots <= COARSE:
@@ -34,7 +34,7 @@ def regularise(knots: int) -> np.ndarray:
 
 
 def penalise(columns: np.ndarray) -> np.ndarray:
-    """The same (m, m) for a spline's columns (M, m) as they are along a record, in their own weight."""
+    """Penalty (m, m) for a spline's columns (M, m) along a recording, in units of their own information."""
     return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
 
 
@@ -153,7 +153,7 @@ class Regression:
         return np.diag(prior)
 
     def _make_prior(self) -> np.ndarray:
-        """Precision (P, P) a priori: inertial deviations', empirical terms', next to nothing elsewhere."""
+        """Prior precision (P, P) of inertial deviations and of empirical terms; next to nothing elsewhere."""
         diagonal = np.einsum("bii->i", self.gram)
         precision = self.inertial_prior + np.diag(1e-10 * np.maximum(diagonal, 1e-12))
         for entry, span in zip(self.entries, self.spans, strict=True):
@@ -177,7 +177,8 @@ class Regression:
     def solve_bounded(self) -> np.ndarray:
         """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.
 
-        An effect that the model lacks can push a declared parameter beyond them; the trace must see that.
+        An effect that the model lacks can push a declared parameter beyond its bounds; residuals must show
+        that.
         """
         lower, upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
         for entry, span in zip(self.entries, self.spans, strict=True):

@@ -1,8 +1,8 @@
-"""Names that motion shows alike and a rest does not: the torque where a joint stands still.
+"""Names that motion does not tell apart, but the torque at rest does.
 
-Rows at rest do not count in any fit: static friction may hold anything there. Where a joint that came to
-rest from both sides shows the same torque every time, as one name has it and the other has not, nothing
-holds, and the rests tell the two apart.
+Rows at rest do not count in any fit: static friction may hold anything there. A joint may show the same
+torque at rest whether it came from one side or the other. Then no static friction holds it. If one name has
+this torque and the other has not, the rests tell the two apart.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,12 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Share of the difference at rest that a name may be off there, and that the two may differ in motion.
+#: Largest error of a name at rest, and largest difference of the two names in motion, over their difference
+#: at rest.
 CLOSE = 0.25
-#: Rests after a motion in either direction that are needed.
+#: Fewest rests after a motion in each direction.
 LEAST = 2
-#: Share of joints that nothing holds whose rests scatter no more than is believed of them.
+#: Confidence level of the scatter of rests at a joint without static friction.
 _USUAL = 0.999
 #: Shortest stretch at rest that counts [rows].
 _SHORTEST = 4
@@ -74,7 +75,7 @@ def are_enough(rests: Sequence[Rest]) -> bool:
 
 @dataclass(frozen=True)
 class Left:
-    """What a model leaves of a joint's torque.
+    """Residuals of a model at a joint, at rest and in motion.
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ class Left:
 
 
 def measure_left(model: Regression, joint: int, rests: Sequence[Rest], length: int) -> Left:
-    """What a model leaves of a joint's torque at rests of about `length` rows, and in motion."""
+    """Residuals of a model at a joint: at rests of about `length` rows, and in motion."""
     residuals = model.residuals(model.solve())
     still = np.array([np.mean(residuals[rest.run][rest.rows, joint]) for rest in rests])
     train = model.prepared.runs_for("train")
@@ -108,15 +109,15 @@ def measure_left(model: Regression, joint: int, rests: Sequence[Rest], length: i
 
 
 def median_length(rests: Sequence[Rest]) -> int:
-    """Rows of the middle of a usual rest."""
+    """Usual number of rows in the middle of a rest."""
     return max(1, int(np.median([rest.rows.stop - rest.rows.start for rest in rests])))
 
 
 def is_refuted(one: Left, other: Left) -> bool:
-    """Whether rests refute a name, as another one has them.
+    """Whether rests refute a name while another name fits them.
 
-    The other one has the torque after motions forwards and after motions backwards, and the rests scatter
-    no more than rows in motion do: where static friction holds, they do.
+    The other name fits the torque after motions in both directions, and the rests scatter no more than rows
+    in motion; with static friction they would scatter more.
     """
     apart = float(np.sqrt(np.mean((one.still - other.still) ** 2)))
     in_motion = float(np.sqrt(np.mean((one.moving - other.moving) ** 2)))
@@ -140,7 +141,7 @@ def replace_term(model: Regression, index: int, term: ModelTerm) -> Regression:
 def settle_at_rest(
     model: Regression, index: int, rivals: Sequence[ModelTerm | None]
 ) -> tuple[Regression, list[int]]:
-    """What rests leave of the names of a term.
+    """The names of a term that rests do not refute.
 
     Parameters
     ----------

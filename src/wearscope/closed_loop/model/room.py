@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Room:
-    """Memory that columns may take: the first ones stay; of the others only those computed last.
+    """Memory for columns: the first ones stay; of the others only the last ones computed.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Room:
         self._last: tuple[weakref.ref[MadeRows], np.ndarray] | None = None
 
     def keep(self, owner: "MadeRows", rows: np.ndarray) -> bool:
-        """Whether rows stay as long as their owner does."""
+        """Keep rows as long as their owner exists, if there is room; say whether there is."""
         if rows.nbytes <= self.left:
             self.left -= rows.nbytes
             weakref.finalize(owner, self._give_back, rows.nbytes)
@@ -30,7 +30,7 @@ class Room:
         return False
 
     def find_last(self, owner: "MadeRows") -> np.ndarray | None:
-        """Rows of an owner, where they were the last that found no room."""
+        """Rows of an owner, if they are the last ones that found no room."""
         return self._last[1] if self._last is not None and self._last[0]() is owner else None
 
     def _give_back(self, size: int) -> None:

@@ -59,7 +59,7 @@ class ModelTerm:
         return full
 
 
-#: Columns that are made at once, so that full-rate regressors of many shapes need little memory.
+#: Number of columns made at once: full-rate regressors of many shapes then need little memory.
 _AT_ONCE = 64
 
 
@@ -97,7 +97,7 @@ class Candidate:
         return self.rows[0].shape[1] // len(self.shapes)
 
     def at(self, shape: int) -> "Candidate":
-        """The same with one shape only."""
+        """The candidate with one shape only."""
         if len(self.shapes) == 1:
             return self
         own = slice(shape * self.count, (shape + 1) * self.count)
@@ -134,8 +134,8 @@ def reduce_columns(
 def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.ndarray) -> Candidate:
     """Candidate of an effect at a joint with given shapes (S, k), along the motion alone.
 
-    A gear bends under the torque that the rigid body asks for along the motion, without what two derivatives
-    of it would amplify.
+    A gear bends under the rigid body's torque along the motion, without frequencies that two derivatives
+    would amplify.
     """
     train = prepared.runs_for("train")
     signals = [run.signals for run in train]

@@ -8,7 +8,7 @@ from wearscope.demonstration.twin import SECRETS, TWIN, write_urdf
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
-#: Torques that the vocabulary has no exact form of.
+#: Torques for which the vocabulary has no exact form.
 OWN_EFFECTS = {
     name: str(Path(__file__).with_name(f"{name}.py")) for name in ("gas_spring_torque", "thinning_oil")
 }

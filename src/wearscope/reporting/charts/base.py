@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-#: Digits that a number keeps on its way to a chart; the Parquet files hold them all.
+#: Significant digits of numbers in charts; the Parquet files hold all digits.
 DIGITS = 5
 CELL_KEYS = ("robot", "cycle", "axis", "fda")
 #: Columns of a cell, by the filters of the same names.
@@ -91,7 +91,8 @@ class Chart:
 
     def definition(self) -> dict[str, Any]:
         """What the page's script needs, as JSON holds it."""
-        spec = self.spec.to_dict(validate=False)  # a test does, as it takes half of a page's time
+        # A test validates the specification: here, validation would take half of a page's time.
+        spec = self.spec.to_dict(validate=False)
         for name in ("$schema", "config"):
             spec.pop(name, None)
         return {
@@ -121,7 +122,7 @@ def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
             codes, values = pd.factorize(column.astype(str), sort=True)
             columns[str(name)] = {"codes": codes.tolist(), "values": [str(value) for value in values]}
     text = json.dumps({"columns": columns}, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    # What `gzip.compress` writes of the system into its header goes with the version of Python.
+    # `gzip.compress` would write the system into its header, depending on the version of Python.
     return base64.b64encode(zlib.compress(text.encode(), 9, wbits=31)).decode("ascii")
 
 

@@ -61,7 +61,7 @@ def _name_labels(names: Mapping[str, str]) -> str:
 
 
 def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]:
-    """Chart whose scales zoom (Ctrl and wheel, pinch, buttons) and move (mouse), and the fields that do.
+    """Chart whose scales zoom (Ctrl and wheel, pinch, buttons) and move (mouse), and scales by field.
 
     Parameters
     ----------

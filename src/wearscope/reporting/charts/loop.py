@@ -19,7 +19,7 @@ from wearscope.reporting.closed_loop import (
 
 #: Rows that all joints and runs share in the charts over time, points over a signal.
 MOST_ROWS, MOST_POINTS = 40_000, 600
-#: What a residual can be drawn over, in addition to what it depends on most.
+#: Signals that a residual can be drawn over, in addition to the signal that it depends on most.
 OWN = {
     "qd": "its own speed",
     "q": "its own position",
@@ -67,7 +67,7 @@ def loop_labels(loop: ClosedLoop) -> dict[str, dict[str, str]]:
 
 
 def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
-    """What the charts draw, by name; only what the loop has."""
+    """Tables that the charts draw, by name; only those that the loop has."""
     found = {"errors": _list_errors(loop), "series": _thin_series(loop), "against": _list_points(loop)}
     if loop.profiles is not None:
         asked = pd.DataFrame([(*key, signal) for key, signal in _choices(loop).items()])
@@ -91,7 +91,7 @@ def _list_errors(loop: ClosedLoop) -> pd.DataFrame:
 
 
 def _thin_runs(table: pd.DataFrame) -> pd.DataFrame:
-    """Every so many rows of each joint and run, evenly, so that all together are at most about the most."""
+    """Evenly spaced rows of each joint and run, in all about `MOST_ROWS` at most."""
     runs = table.groupby(["joint", "run"], sort=False)["t"]
     each = max(50, MOST_ROWS // max(1, runs.ngroups))
     return table[(runs.cumcount() % np.maximum(1, -(-runs.transform("size") // each))) == 0]
@@ -120,7 +120,7 @@ def _list_points(loop: ClosedLoop) -> pd.DataFrame:
 
 
 def chart_errors(loop: ClosedLoop, table: pd.DataFrame) -> Chart:
-    """RMS error of every joint: before, after, noise floor and what else is known."""
+    """RMS error of every joint: before, after, noise floor, and other errors where they are known."""
     kinds = {kind: colour for kind, colour in _KINDS.items() if kind in set(table["kind"])}
     base = named("errors").encode(
         y=alt.Y("joint:N", title=None, sort=loop.joints),
@@ -178,7 +178,7 @@ def _over_time(
     title: str,
     caption: str,
 ) -> Chart:
-    """Columns of a source, by what they are called, of one joint and run over time."""
+    """Columns of a source, named in the legend, for one joint and run over time."""
     tints = {one: _TINTS.get(one, "var(--ink)") for one in columns.values()}
     lines = (
         named(table)

@@ -1,7 +1,7 @@
 """Tables that the charts of a study draw, the words for what a reader chooses, and two small charts.
 
-One has the robots' friction; the other a number of each thing on two or three sides: studies,
-loops, or models before and after.
+One chart has the robots' friction. The other compares a number of several things between two or three sides:
+studies, loops, or models before and after.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,7 +65,7 @@ def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
 
 
 def study_tables(study: Study) -> dict[str, pd.DataFrame]:
-    """What the charts draw, by name; only what the study has."""
+    """Tables that the charts draw, by name; only those that the study has."""
     ends = {"median_low": "low", "median_high": "high"}
     found = {
         "snr": study.snr[[*_KEYS, "snr_exact", "snr_low", "snr_high", "status"]]
@@ -89,7 +89,7 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
 
 
 def together(study: Study) -> str:
-    """What all robots together are called: by its name where there is one."""
+    """Name of all robots together; a single robot's own name."""
     robots = list(study.snr["robot"].unique())
     return str(robots[0]) if len(robots) == 1 else ALL_ROBOTS
 
@@ -164,7 +164,7 @@ def reach_lines(study: Study) -> pd.DataFrame:
 
 
 def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
-    """ROC of every cell in natural units, and what a reader chooses of it.
+    """ROC of every cell in natural units, and the choices that a reader has.
 
     Columns: the keys, ``change`` (of wear), ``p_f``, ``p_d``, ``threshold``, ``place``, ``case`` (factor and
     its variation). The choices begin nearest to the conclusion's variation, in the middle where there is
@@ -247,7 +247,7 @@ _TINTS = ("var(--before)", "var(--after)", "var(--ink)")
 
 
 def side_table(sides: dict[str, pd.DataFrame], thing: str, value: str) -> pd.DataFrame:
-    """Rows of all sides: ``side``, ``thing``, ``value``, ``low``, ``high``; its ends where a side has them.
+    """Rows of all sides: ``side``, ``thing``, ``value``, and ``low``, ``high`` where a side has intervals.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from wearscope.reporting.labels import count_text, finite, group_name, split_groups, term_label
 from wearscope.reporting.style import MARKERS, WARNING, colours, figure_style, new_figure
 
-#: Groups that a figure of the coefficients has at most.
+#: Largest number of groups in a figure of the coefficients.
 MOST = 12
 
 
@@ -167,7 +167,7 @@ def _draw_intervals(
 
 
 def _draw_boxes(ax: Axes, values: Sequence[object], tints: Sequence[str], width: float = 0.6) -> None:
-    """Boxes from quartile to quartile, whiskers of 1.5 boxes, outliers; of what is finite."""
+    """Boxes from quartile to quartile, whiskers of 1.5 boxes, outliers; of the finite values."""
     look: dict[str, Any] = {"widths": width, "patch_artist": True, "manage_ticks": False}
     for k, (one, colour) in enumerate(zip(values, tints, strict=True)):
         line = {"color": colour, "linewidth": 0.9}

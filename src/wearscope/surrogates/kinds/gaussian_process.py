@@ -130,11 +130,12 @@ BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
 #: Widths of the steps at nominal, coded.
 STEP, WIDE_STEP = 0.1, 0.4
 SHAPES = ("root", "steps")
-#: Lengths from which the search for them begins: the likelihood may have several maxima.
+#: Length scales from which the search begins: the likelihood may have several maxima.
 FIRST_LENGTHS = (4.0, 1.5)
 ITERATIONS = 60
-#: Share of the likelihood's logarithm by which a step of the search must better it: with some hundreds of
-#: runs a thousandth, negligible against the two that an interval of a hyperparameter spans.
+#: The search ends where a step betters the logarithm of the likelihood by less than this share. With some
+#: hundreds of runs that is a thousandth, negligible against the two that an interval of a hyperparameter
+#: spans.
 ENOUGH = 1e-6
 #: With this many runs for each hyperparameter, half of the runs suffice to compare the starts of the search.
 FEWEST_HALVED = 8
@@ -187,7 +188,7 @@ class GaussianProcess:
         return given.variance * matern + given.quadratic * (np.inner(one, other) + given.offset**2) ** 2
 
     def _condition(self, seen: Array) -> tuple[Array, Array]:
-        """Mean (M,) at points, and what the runs explain of the prior's covariance, as its root (N, M)."""
+        """Mean (M,) at points; root (N, M) of the part of the prior's covariance that the runs explain."""
         across = self._covary(seen, self._seen)
         return across @ self._weights, solve_triangular(self._root, across.T, lower=True)
 
@@ -261,7 +262,7 @@ def fit_gaussian_process(
     GaussianProcess or None
         None with too few runs or where y does not vary.
     """
-    from scipy.optimize import minimize  # here, as what reads a chosen surrogate searches for none
+    from scipy.optimize import minimize  # imported here: only a fit needs the search
 
     scale = float(y.std())
     if len(y) < z.shape[1] + 4 or scale == 0:
@@ -281,7 +282,7 @@ def fit_gaussian_process(
 
     starts = _first_hyperparameters(first, columns, plain)
     if len(starts) > 1:
-        # Which start leads to the higher maximum every other run tells, at a seventh of the time.
+        # Every other run is enough to tell which start leads to the higher maximum, in a seventh of the time.
         part = slice(None, None, 2 if len(y) >= FEWEST_HALVED * len(first) else 1)
         starts = [min((search(part, first) for first in starts), key=lambda one: one.fun).x]
     theta = search(slice(None), starts[0]).x

@@ -23,7 +23,7 @@ QUADRATIC = "quadratic"
 POLYNOMIAL_CHAOS = "polynomial_chaos"
 DEGREE = 3
 FOLDS = 5
-#: Terms are added until the error is so many times the least, with more than a few of them.
+#: Terms are added until the error is `_WORSE` times the least so far and more than `_FEW` terms are taken.
 _WORSE, _FEW = 2.0, 10
 
 
@@ -101,14 +101,14 @@ def _take_terms(phi: Array, y: Array) -> Iterator[list[int]]:
             return
         length = 1.0 / np.sqrt(signs @ towards)
         along = phi[:, left].T @ active @ towards * length
-        with np.errstate(divide="ignore", invalid="ignore"):  # a column that those taken hold already
+        with np.errstate(divide="ignore", invalid="ignore"):  # columns that depend on those taken
             steps = np.r_[(largest - others) / (length - along), (largest + others) / (length + along)]
         mean = mean + steps[steps > 0.0].min(initial=largest / length) * length * active @ towards
         taken = [*taken, int(left[np.argmax(np.abs(phi[:, left].T @ (y - mean)))])]
 
 
 def _corrected_error(phi: Array, y: Array) -> float:
-    """Mean square leave-one-out error of regressors (N, p), corrected for p; infinite where they depend."""
+    """Mean square leave-one-out error, corrected for p regressors; infinite where they are dependent."""
     q, r = np.linalg.qr(phi)
     if np.linalg.matrix_rank(r) < len(r):
         return np.inf
@@ -136,8 +136,8 @@ def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> Linear
     """Sparse polynomial chaos; None where the runs are too few to choose and fit terms.
 
     Its left-out predictions come from five-fold cross-validation in which each fold chooses its own terms, so
-    that the error of the choice is included. They stay those of plain leave-one-out with the terms chosen on
-    all runs, which are too good, where even their fit does not exceed `to_beat` [%].
+    that the error of the choice is included. Plain leave-one-out with the terms chosen on all runs is too
+    good; where even that fit does not exceed `to_beat` [%], its predictions are kept and no folds are fitted.
     """
     n = z.shape[1]
     if len(y) < 4 * (n + 1) or np.ptp(y) == 0:

@@ -15,24 +15,25 @@ from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
 from wearscope.robots.dynamics import N_PARAMETERS, RigidBody
 
-#: Share of a link's own parameters by which they may differ from the stated ones, trusted or approximate;
-#: share of the robot's mass that every link may carry in addition.
+#: Prior deviation of a link's parameters, as a share of the stated ones, trusted or approximate; mass that
+#: every link may carry in addition, as a share of the robot's.
 _SLACK, _CARRIED = {"trusted": 0.1, "approximate": 0.2}, 0.005
-#: Share of the robot's mass that a payload may have, and of its reach that it may be away from the joint.
+#: Usual mass of a payload as a share of the robot's, and its distance from the joint as a share of the reach.
 _PAYLOAD, _AWAY = 1.0, 0.3
-#: Most that a rotor needs of a torque, over the largest that any joint's body needs.
+#: Largest torque of a rotor, over the largest torque that any joint's body needs.
 _ROTOR = 10.0
 #: Share of a joint's weight that a balancer carries.
 _BALANCED = 0.3
-#: Speeds over which friction falls, over the largest one.
+#: Speeds over which friction falls, as shares of the largest speed.
 _FALLS = (0.05, 0.3)
-#: Columns of a joint of its own. The first `DRIVE` are in every model; those of `FREE` may have either sign.
+#: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
+#: sign.
 _WAVES = 6
 OWN: tuple[str, ...] = ("inertia", "Coulomb", "viscous", "offset", "load", "spring", "balancer", "balancer")
 OWN = (*OWN, *["falling"] * 2, *["falling load"] * 2, *["position"] * (2 * _WAVES))
 DRIVE, FREE = 4, ("offset", "spring", "balancer", "position")
 FRICTION = slice(1, 3)
-#: Size of what a way of the links' parameters does, over the most that one does, below which it does nothing.
+#: A change of the links' parameters counts as without effect below this share of the strongest one's effect.
 _ACTS = 1e-9
 #: Step [s] of the derivatives along a motion; step of a position, over its span.
 _STEP, _BEND = 0.01, 1e-4
@@ -71,7 +72,7 @@ class Columns:
 
 
 def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
-    """Columns of what the torques may hold where the motion is as a reading has it.
+    """Columns of what the torques may hold, along the motion of a reading.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     still = replace(moved, v=0.0 * moved.v, a=0.0 * moved.a)
     weight = _know(still, bodies)
     if reading.without:
-        # A controller takes out the gravity of its own model: that of what it does not know stays.
+        # A controller subtracts the gravity of its own model; that of unknown bodies remains.
         bare = reading.without == "robot"
         taken = _know(still, [one.with_payload(None) for one in bodies]) if bare else weight
         known = known - taken * rows.doubted[:, None]
@@ -136,14 +137,14 @@ def _split(moved: Rows, bodies: list[RigidBody]) -> list[tuple[RigidBody, np.nda
 
 
 def _bend(moved: Rows, body: RigidBody, motors: list[int]) -> np.ndarray:
-    """What a soft gear at each motor changes in the torques (N, n, M): link and motor move apart."""
+    """Change of the torques (N, n, M) by a soft gear at each motor, where link and motor move apart."""
     q, v, a, step = moved.q, moved.v, moved.a, _STEP
     if not motors:
         return np.zeros((*q.shape, 0))
     now = body.inverse_dynamics(q, v, a)
 
     def look(s: float) -> np.ndarray:
-        """Torque so many seconds later."""
+        """Torque `s` seconds later."""
         half, jerk = s**2 / 2, moved.jerk
         return body.inverse_dynamics(
             q + s * v + half * a, v + s * a + half * jerk, a + s * jerk + half * moved.snap
@@ -192,9 +193,9 @@ def _rms(x: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _list_ways(body: RigidBody, inertials: str) -> np.ndarray:
-    """Ways (10 n, P) in which the links' parameters can act on torques, each with the cost of one.
+    """Changes (10 n, P) of the links' parameters that can act on torques, each at the prior cost 1.
 
-    Some do not act on any torque, and others alike, whatever the motion and wherever gravity points.
+    Some parameters act on no torque, and some act alike, whatever the motion and the direction of gravity.
     """
     q, v, a = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 20, body.n))
     seen = [body.with_gravity(axis).inertial_regressor(q, v, a) for axis in np.diag([9.8] * 3).tolist()]

@@ -1,7 +1,7 @@
 """Traits of a recording: each is a way in which its columns may differ from what they are said to be.
 
-A trait is added here: what readings it makes of another reading, and what is said of a reading that has it.
-The score decides between readings; nothing else here does.
+To add a trait, state here which readings it makes of another reading, and the note on a reading that has it.
+The score alone decides between readings.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,20 +19,20 @@ from wearscope.closed_loop.intake.traits.score import ROWS, Weighing
 
 #: Odds against what is noted, in nats: 20 to 1.
 NOTE = 3.0
-#: Nats of a number that is free; within which a known number is taken.
+#: Cost of a free number [nats]; a known number is preferred where it is at most this much worse [nats].
 FREE, _ALIKE = 0.5 * float(np.log(ROWS)), 1.0
-#: Torque over need that is no error of the model, from and to.
+#: Ratios of a torque to what is needed, below and above which the model's errors do not explain it.
 SMALL, LARGE = 0.25, 4.0
 #: Shortest delay [s] that is refused: the loop names shorter ones.
 LATE = 0.025
 DEGREE = float(np.pi / 180.0)
 _MM, _QUARTER = 1e-3, float(np.pi / 2.0)
-#: Factors in octaves, and delays, from which a better one is sought; factors of turns and half turns.
+#: Start values of the search for a factor (in octaves) and for a delay; factors of turns and half turns.
 _OCTAVES, _TIMES = np.arange(-3.0, 4.0), LONGEST / 2.0 ** np.arange(1.0, 6.0)
 _TURNS = (float(np.pi), 2.0 * float(np.pi))
 #: Odds for Earth's gravity, in nats.
 _UNEARTHLY = 10.0
-#: Cosine to the stated direction from which gravity has no other; part of it along an axis that is none.
+#: Cosine to the stated direction from which gravity counts as unchanged; part along an axis that counts as 0.
 _SAME, _LEVEL = 0.95, 0.03
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
@@ -87,7 +87,7 @@ def refine(
 
 
 def _round(few: Weighing, best: Reading, known: Reading) -> Reading:
-    """A known number where it does about as well."""
+    """A known number in place of a fitted one, where it explains about as well."""
     return known if few.look(known) < few.look(best) + _ALIKE else best
 
 
@@ -102,7 +102,7 @@ def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
     if body.payload is not None:
         yield r.has("without_gravity", 0.0, without="robot")
     if not 9.7 < size < 9.9:
-        # No place on Earth has the stated one, which is the unlikely one.
+        # No place on Earth has the stated gravity, so that keeping it is the unlikely choice.
         yield r.has("gravity", -_UNEARTHLY, gravity=tuple((9.81 / size * stated).tolist()))
 
     def point(way: np.ndarray, nats: float = 2.0 * FREE) -> Reading:
@@ -161,7 +161,8 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
     middle = float(np.median(np.abs(sizes))) * float(np.sign(sizes.sum()) if len(every) == 1 else 1.0)
 
     def resize(octaves: float, some: list[int], sign: float = 1.0) -> Reading:
-        # Of all torques alike, links that are all off alike are no rival: it is said so.
+        # A common factor of all torques is told together with one of all masses, so that these do not
+        # compete.
         one = sign * float(2.0**octaves)
         alike = len(some) == len(every) > 1
         nats = FREE + (0.0 if is_off(one) else (NOTE + float(np.log(len(every)))) * (not alike))
@@ -180,7 +181,7 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
 
 
 def is_off(size: float) -> bool:
-    """Whether a torque over need is no error of the model."""
+    """Whether a ratio of a torque to what is needed is beyond the model's errors."""
     return not SMALL < size < LARGE
 
 
@@ -320,7 +321,7 @@ def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
 
 
 def say_clock(factor: float) -> Told:
-    """What is said of a clock by true time over the recorded one."""
+    """Sentence on a clock, by the ratio of true to recorded time."""
     by = max(factor, 1.0 / factor)
     by = float(round(by)) if abs(by / round(by) - 1.0) < 0.01 else by
     factor, way = (by, "short") if factor > 1.0 else (1.0 / by, "long")

@@ -11,17 +11,17 @@ from wearscope.closed_loop.intake.traits.search import LITTLE, Weighed
 
 #: Share of a torque's variance below which there is no friction in it.
 _NO_FRICTION = 1e-4
-#: Mean torque of gravity that counts, over a torque's spread; share of it within which an offset is it;
-#: torque over need of a body of which nothing is seen.
+#: Least mean gravity torque that counts, over the torque's spread; relative difference within which an offset
+#: equals it; ratio of torque to need below which a body is not seen.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
-#: A payload's moment over mass and reach, at most; standard errors of an interval.
+#: Largest moment of a payload over its mass and the reach; standard errors of an interval.
 _AWAY, _SURE = 2.0, 2.0
 
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
     if PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",):
-        # A payload says the same as a factor of the torques, and can be weighed.
+        # A payload explains the same as a factor of the torques, and it can be weighed.
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
@@ -48,7 +48,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
 
 
 def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
-    """Weight that is missing as an offset, which a fit has at any size; bodies of which nothing is seen."""
+    """Note weight that an offset replaces, and bodies that no torque shows."""
     fit, still = model.fit, np.zeros_like(rows.q)
     body = prepared.runs[0].signals.rigid_body
     weights = [one.inverse_dynamics(rows.q, still, still) for one in (body, body.with_payload(None))]

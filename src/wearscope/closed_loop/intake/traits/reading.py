@@ -53,21 +53,21 @@ class Reading:
 
     @classmethod
     def stated(cls, n: int) -> "Reading":
-        """Of columns that are what they are said to be, of n joints."""
+        """Reading of n joints whose columns are as stated."""
         one, each = (1.0,) * n, tuple(range(n))
         return cls(one, one, (0.0,) * n, one, each, each)
 
     def has(self, trait: str, nats: float, **changes: Any) -> "Reading":
-        """The same with a trait more."""
+        """The same reading with one more trait."""
         names = dict.fromkeys((*self.traits, trait))
         return replace(self, traits=tuple(names), nats=self.nats + nats, **changes)
 
     def put(self, field: str, joints: list[int], value: float) -> tuple[float, ...]:
-        """A field's values with another one at some joints."""
+        """A field's values, with a given value at some joints."""
         return tuple(value if k in joints else x for k, x in enumerate(getattr(self, field)))
 
     def times(self, field: str, joints: list[int], by: float) -> tuple[float, ...]:
-        """A field's values multiplied at some joints."""
+        """A field's values, multiplied by a factor at some joints."""
         return tuple(x * by if k in joints else x for k, x in enumerate(getattr(self, field)))
 
     def swap(self, field: str, i: int, j: int) -> tuple[int, ...]:
@@ -78,12 +78,12 @@ class Reading:
 
     @property
     def moves(self) -> tuple:
-        """What of it changes the motion, or the body's torque."""
+        """Its fields that change the motion, or the body's torque."""
         return self.motion_of, self.factor, self.zero, self.clock, self.gravity, self.without, self.crossed
 
     @property
     def claims(self) -> np.ndarray:
-        """Joints (n,) whose columns are not what they are said to be; all where it is of whole runs."""
+        """Joints (n,) whose columns are not as stated; all joints where a trait concerns whole runs."""
         stated, n = Reading.stated(len(self.factor)), len(self.factor)
         names = {field.name for field in fields(self)} - {"crossed", "traits", "nats"}
         pairs = [(getattr(self, name), getattr(stated, name)) for name in names]

@@ -11,14 +11,14 @@ from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.traits.reading import Reading
 
-#: Most rows of all runs; fewest of a joint that say something.
+#: Largest number of rows of all runs; a joint with fewer rows than the second number does not count.
 MOST_ROWS, LEAST_ROWS = 3000, 30
-#: Time to the ends of a recording [s] in which nothing is asked, since a torque may be late by as much.
+#: Margin at both ends of a recording [s] that is left out, since a torque may be late by as much.
 LONGEST = 0.3
-#: Torque that varies less than this share of what it usually does is of an idle drive, unless the motion
-#: explains most of it; share of its reach below which a joint rests in a run.
+#: A drive is idle where its torque varies less than this share of the usual variation, unless the motion
+#: explains the second share of it; a joint rests in a run below the third share of its reach.
 _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
-#: Neighbouring rows that are one block of what is left.
+#: Neighbouring rows in a block of residuals.
 _BLOCK = 8
 _MOTION = ("q", "v", "a", "sign", "jerk", "snap")
 
@@ -89,7 +89,7 @@ class Rows:
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def thin(self, most: int) -> "Rows":
-        """Rows enough for a first look, as many of runs that are doubted as of others."""
+        """Fewer rows for a first look, as many of doubted runs as of the others."""
         parts = [np.flatnonzero(self.doubted), np.flatnonzero(~self.doubted)]
         return self.pick(np.sort(np.concatenate([one[:: max(1, len(one) // most)] for one in parts])))
 
@@ -124,7 +124,7 @@ class Rows:
         """Fold (N,) of each row: runs in turn, or fifths of each where fewer than three count."""
         number, length = np.unique(self.run, return_inverse=True, return_counts=True)[1:]
         counted = [len(np.unique(number[self.counts[:, j]])) for j in self.heard]
-        # A payload of some runs must be seen in part of each.
+        # A payload of some runs must be fitted on a part of each of them.
         if min(counted, default=0) > 2 and self.loaded.all():
             return np.asarray(number % 5)
         start = np.concatenate([[0], np.cumsum(length)[:-1]])
@@ -145,9 +145,10 @@ class Rows:
         return reading.joint_of if self.doubted.all() else np.arange(self.n)
 
     def torque(self, reading: Reading) -> np.ndarray:
-        """Torque columns (N, n) as a reading has them: so much later, before a filter of first order.
+        """Torque columns (N, n) of a reading: without its delay and its filter of first order.
 
-        Where it is of some runs, their columns are exchanged, so that each is of one joint in all runs.
+        Where the reading concerns some runs, their columns are exchanged, so that each is of one joint in all
+        runs.
         """
         out, lag = self.tau.copy(), reading.lag
         for k in np.unique(self.run).tolist() if reading.delay or lag else ():

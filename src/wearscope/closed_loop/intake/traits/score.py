@@ -29,16 +29,17 @@ from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
 from wearscope.robots.dynamics import N_PARAMETERS
 
-#: Form error, a share of a torque's variance; most independent rows; nats that a term must gain.
+#: Form error, a share of a torque's variance; largest number of independent rows; nats that a term must gain.
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
-#: Blocks that are joined, and fewest sums of them, for the memory of what is left.
+#: Numbers of blocks that are joined, and fewest joined blocks, to estimate the residual's autocorrelation.
 _JOINED, _FEWEST = (1, 2, 4, 8), 8
-#: Turns of weighing each torque by what is left of it; most moves of a climb, and terms that each tries.
+#: Turns of weighing each torque by its residual; largest number of moves of a climb, and of terms that each
+#: move tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
-#: Share by which diagonals are larger, of columns that say the same to rounding.
+#: Relative ridge on the diagonal, for columns that are equal to rounding.
 _HELD = 1e-9
-#: Size of what a coefficient does, over the largest of its term, from which it counts.
+#: A coefficient counts where its effect is at least this share of the largest effect in its term.
 _TOLD = 0.01
 #: Share of a stated payload that may be missing at most; rounding error.
 _EMPTIED = 1.05
@@ -165,16 +166,14 @@ class Fit:
         return x
 
     def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
-        """What coefficients leave of each torque, shares of its variance."""
+        """Unexplained shares of each torque's variance for given coefficients."""
         z = np.column_stack([x[np.array(self.index)], np.full(len(self.index), -1.0)])
         # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
-        signed, sizes = (
-            (x[:, None] @ g @ x[:, :, None]).ravel() for x, g in ((z, grams), (abs(z), abs(grams)))
-        )
-        return np.maximum(signed, _EPS * sizes)
+        least = _EPS * (np.abs(z)[:, None] @ np.abs(grams) @ np.abs(z)[:, :, None])
+        return np.maximum(z[:, None] @ grams @ z[:, :, None], least).ravel()
 
     def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients, what they leave, and the weights that this gives the torques."""
+        """Coefficients, residuals, and the weights of the torques that follow from the residuals."""
         loss = np.full(len(self.x), 0.05)
         for _ in range(turns):
             weight = ROWS / (np.minimum(loss, 1.0) + FORM)
@@ -188,7 +187,7 @@ class Fit:
         return float(ROWS / 2 * np.log(loss + FORM).sum() + 0.5 * x @ x) + self.reading.nats
 
     def leave_plain(self) -> np.ndarray:
-        """What links and drives leave (K,), friction by load and speed among them."""
+        """Residuals (K,) after links and drives, friction by load and speed included."""
         plain = np.tile(~np.isin(self.names, FREE[1:]), len(self.x))
         return self.settle(np.r_[self.always[: self.shared], plain])[1]
 
@@ -200,7 +199,7 @@ class Fit:
         both = [np.column_stack([body, drive[:, first:]]) for first in (0, 1)]
         found = [np.linalg.lstsq(x, y, rcond=None)[0] for x in both]
         left = [float(np.mean((y - x @ one) ** 2)) for x, one in zip(both, found, strict=True)]
-        # Where a drive's inertia and the body move alike, all of it is taken for the body's.
+        # Where a drive's inertia and the body move alike, the inertia is all attributed to the body.
         return float(found[left[1] < left[0] + FORM * float(np.mean(y**2))][0])
 
     def model(self, terms: Iterable[Term]) -> "Model":
@@ -307,7 +306,7 @@ class Model:
         return found[at].reshape(shape), inverse[len(rest) :, len(rest) :].reshape(*shape, *shape)
 
     def leave(self, k: int) -> np.ndarray:
-        """What is left (N,) of the k-th torque, over its spread."""
+        """Residual (N,) of the k-th torque, over its spread."""
         return np.asarray(self.fit.y[k] - self.fit.x[k] @ self.x[self.fit.index[k]])
 
     def over(self, other: "Model") -> float:

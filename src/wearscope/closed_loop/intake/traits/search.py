@@ -26,7 +26,7 @@ _DIFFER = 4.0
 
 @dataclass(frozen=True)
 class Weighed:
-    """What the columns were weighed to be.
+    """Result of weighing the readings of the columns.
 
     Attributes
     ----------
@@ -80,13 +80,14 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
-        # Of those that are alike, the one that is proposed first.
+        # Of equally good readings, the one that is proposed first.
         further = max(models, key=lambda one: round(one.over(best)), default=best)
         if further.over(best) > (0.0 if best is stated else NOTE):
             best = further
         elif best is not stated:
             break
-        # Of two traits neither need be the better one alone: where much is left, the likeliest are followed.
+        # Where two traits belong together, neither need improve the fit alone: where much is unexplained, the
+        # likeliest readings are followed.
         front = ranked[:_FRONT] if best is stated else [best.reading]
         if best is stated and stated.held.max() < _MUCH:
             break
@@ -104,7 +105,7 @@ def _find_loaded(model: Model) -> np.ndarray | None:
     if len(numbers) < 2:
         return None
     values, covariance = model.find_by_run(model.fit.groups[PAYLOAD])
-    # What all runs carry alike may as well be the links'.
+    # A load that all runs carry may as well belong to the links.
     centred = np.eye(len(numbers)) - 1.0 / len(numbers)
     spread = np.einsum("ar,rmsm,as->am", centred, covariance, centred)
     away = np.abs(centred @ values) / np.sqrt(spread)
@@ -133,10 +134,10 @@ def _list_readings(
 def _propose(
     few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str], odds: float
 ) -> list[Reading]:
-    """Readings with a trait, or with more of it, and the odds against that."""
+    """Readings with a trait, or with more of it, and the odds against each reading."""
     every = list(trait.propose(few, start))
     taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
-    # What is noted has odds of its own.
+    # Traits that are only noted have odds of their own.
     nats = odds + float(np.log(max(len(every), 1)))
     return [one if trait.notes and trait.notes(one) else one.has(one.traits[-1], nats) for one in taken]
 
