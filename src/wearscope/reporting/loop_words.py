@@ -79,7 +79,8 @@ def tell_noise(verdict: Verdict) -> str:
     if not shares:
         return ""
     most = "at most " if len(shares) > 1 else ""
-    return f"{most}{format_number(max(shares.values()), 2)} % of the torque is left at {join_words(list(shares))}, as noise"
+    size, joints = format_number(max(shares.values()), 2), join_words(list(shares))
+    return f"{most}{size} % of the torque is left at {joints}, as noise"
 
 
 def name_with_rivals(entry: Verdict) -> str:
