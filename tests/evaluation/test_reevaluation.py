@@ -163,7 +163,7 @@ def test_a_correction_that_changes_nothing_changes_no_answer(sides):
     assert not table["p_nearer"].between(0.95, 1.0).any()
     one = Reevaluation(table, compare_ranking(same, "r"), pd.DataFrame())
     assert tell_headline(one).startswith("The best detector stays the same.")
-    assert tell_headline(one).endswith("The signal-to-noise ratio changes for none.")
+    assert tell_headline(one).endswith("No signal-to-noise ratio changes.")
 
 
 def test_without_a_truth_no_side_is_called_nearer(sides):

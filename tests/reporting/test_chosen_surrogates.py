@@ -32,13 +32,13 @@ def answer_table(**answer):
 
 def test_fits_and_states_are_counted(chosen):
     text = trust.surrogate_quality(chosen)
-    assert "chosen surrogate fits the checking runs" in text
+    assert "Median fit of the chosen surrogate on the checking runs" in text
     assert (
         "Residual energy (A) 97 %, Distribution distance (B) 91 %, Friction fit (C) 88 %" in text
-        and "88 % at worst" in text
+        and "The lowest fit is 88 %." in text
     )
     assert "95 % or more in 8 of 24 cells, in 8 more as far as the noise" in text
-    assert "in 8 cells the points did not suffice" in text
+    assert "In 8 cells the points did not suffice." in text
 
 
 def test_a_withheld_answer_is_shown_as_withheld_and_not_given(chosen, change):
@@ -80,7 +80,7 @@ def test_direct_runs_stand_beside_the_surrogate(chosen, change):
     )  # fmt: skip
     study = change(chosen=chosen.chosen, config=chosen.config, direct=direct)
     said = trust.direct_outcome(study)[0]
-    assert "60 simulations under each hypothesis" in said and "for 1 of 2 detectors" in said
+    assert "60 simulations with and without wear" in said and "for 1 of 2 detectors" in said
     assert trust.direct_outcome(chosen) == []
     page = render_study(study, compare_with_paper(study))
     assert "2 (1.5 to 2.5)" in page and "2.2 (2.1 to 2.3)" in page

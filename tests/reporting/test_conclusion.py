@@ -139,7 +139,7 @@ def test_wear_is_told_as_friction(told):
 def test_the_page_begins_with_it(asked):
     page = render_study(asked, compare_with_paper(asked))
     top = page[page.index("<header>") : page.index("<main")]
-    assert re.search('class="answer">(On [a-z]+: )?(Use|No detector)', top)
+    assert re.search('class="answer">(On robot [a-z]+: )?([Uu]se|[Nn]o detector)', top)
     for heading in ("How sure", "Mind", "Next"):
         assert f"<dt>{heading}</dt>" in top
     assert 'id="thresholds"' in page and 'id="reach"' in top

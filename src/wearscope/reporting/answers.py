@@ -107,7 +107,7 @@ def _outweighing(study: Study, name: str, rows: pd.DataFrame, confirmed: set[str
     least, most = 100 * first["share_relevant"].min(), 100 * first["share_relevant"].max()
     share = f"{least:.0f} %" if round(least) == round(most) else f"{least:.0f} to {most:.0f} %"
     verb = "disturbs" if len(strong) == 1 else "disturb"
-    unsure = "" if (first["share_low"] > HALF).all() else " Few cells were asked: it may be less than half."
+    unsure = "" if (first["share_low"] > HALF).all() else " With so few cells, it may be less than half."
     return f"{name}: {names}{more} {verb} it more than wear, in {share} of the cells.{unsure}"
 
 
@@ -127,8 +127,9 @@ def best_detector(study: Study) -> list[str]:
     medians = [
         f"{name} {interval_text(one['median'], one['median_low'], one['median_high'])}" for name, one in known
     ]
-    source = "95 %, from each cell's own interval" if few else "95 % over cells"
-    sentences = [f"{best} has the highest median SNR ({source}): {join_some(medians, 6)}."]
+    source = "from each cell's own interval" if few else "over cells"
+    told = f"{best} has the highest median SNR. Medians, 95 % {source}: {join_some(medians, 6)}."
+    sentences = [told]
     if row["median"] <= 0:
         sentences.append("It is not positive: on the whole no detector sees the change of wear.")
     tied = [one for one in str(row["tied_with"]).split(", ") if one and one not in out]
@@ -182,8 +183,8 @@ def effective_scope(study: Study) -> list[str]:
             continue
         listed = join_some([f"{one.group} {100 * one.share:.0f} %" for one in found], 6)
         sentences.append(
-            f"{said} {100 * p_d:g} % of faults detected at {100 * p_f:g} % false "
-            f"alarms on these shares of the grid, {listed}."
+            f"{said} {100 * p_d:g} % of faults are found at {100 * p_f:g} % false alarms, on these shares "
+            f"of what was simulated: {listed}."
         )
         sizes.append(_largest_change(study, factor, found[0]))
     return [*sentences, *sizes] or ["No answer on it stands."]

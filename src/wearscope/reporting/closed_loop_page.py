@@ -146,13 +146,13 @@ def _notes(loop: ClosedLoop) -> Markup:
     """Notes of the verdict, rows that do not count."""
     counted = loop.residual.groupby(["run", "joint"], sort=False)["counts"].mean()
     left_out = [
-        f"{run}: {100 * (1 - share):.0f} % of the rows of {joint} do not count (at rest, at the torque "
-        "limit, or no measurement)."
+        {"run": run, "joint": joint, "rows that do not count [%]": 100 * (1 - share)}
         for (run, joint), share in counted.items()
         if share < 0.8
     ]
     notes = loop.verdict.get("notes", [])
     how_many = count_text(len(left_out), "run and joint", "runs and joints")
     summary = f"Rows that do not count: {how_many} with more than a fifth"
-    folded = [(summary, False, render_part(listed=left_out))] if left_out else []
+    why = "Rows at rest, at the torque limit, or without a measurement."
+    folded = [(summary, False, render_table(left_out, why, 2, JOINT))] if left_out else []
     return render_part(listed=notes, notes=[] if notes else ["None."], folded=folded)

@@ -58,7 +58,8 @@ def describe(study: Study, one: Conclusion, pages: bool = False) -> SimpleNamesp
     shifts = [f"{factor_name(factor)} moves from {_span(*shift(study, factor), factor)}" for factor in less]
     undeclared = [factor for factor in less if not study.config["factors"][factor.name].get("shift")]
     return SimpleNamespace(
-        where=f"On {one.robot}: " if one.robot else "",
+        robot=one.robot,
+        where=f"On robot {one.robot}: " if one.robot else "",
         name=study.detector_name(one.detector) if one.detector else "",
         tied=study.join_detectors(one.tied_with, "or"),
         withheld=study.join_detectors(one.withheld),
@@ -104,7 +105,7 @@ def _is_narrow(study: Study, bound: Bound) -> bool:
 def _bound_text(study: Study, bound: Bound) -> str:
     factor = study.factor(bound.factor)
     size = quantity_text(1.96 * bound.sigma, factor.unit)
-    return f"{factor_name(factor)} within ±{size}{' or more' if bound.largest else ''}"
+    return f"{factor_name(factor)} by {'at least ' if bound.largest else ''}±{size}"
 
 
 def _span(low: float, high: float, factor: "Factor") -> str:

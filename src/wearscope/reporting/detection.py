@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.labels import count_text, detector_name, join_some, join_words, unit_text
-from wearscope.reporting.page import format_number, read_outcome
+from wearscope.reporting.page import format_number, read_outcome, say
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
 
@@ -20,26 +21,9 @@ FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_erro
 WARMER = 1.0
 #: Verdicts of a joint and detector in order; a recording takes the first of those that its joints have.
 _ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
-#: Wording of a threshold that was reached, by verdict.
-_REACHED = {"alarm": "Alarm", "unchecked": "Above the threshold, but not confirmed,"}
-_SURE = "Thresholds for {:g} % false alarms, from simulated runs that scatter as the machine."
-_NONE = (
-    "unsure",
-    "No verdict: no threshold is shown to hold on this machine.",
-    "Some detectors could not be fitted or have no threshold.",
-)
-#: Kind of a strip, how sure it is and its caveat, by the first verdict of all recordings.
-_STRIPS = {
-    "alarm": ("bad", _SURE, "A threshold holds along its own motion only."),
-    "unchecked": (
-        "unsure",
-        "No alarm yet: simulated runs do not come so far, but how the machine scatters is unknown.",
-        "Too few nominal sessions of this motion tell how the machine scatters; record three.",
-    ),
-    "no alarm": ("good", _SURE, ""),
-    "withheld": _NONE,
-    "failed": _NONE,
-}
+_WORDS = "detection/words.html"
+#: Colour of what is said first; any other verdict is unsure.
+_KINDS = {"alarm": "bad", "no alarm": "good"}
 #: Kind of conclusion and wording for a recording, by its verdict.
 _OUTCOMES = {"alarm": ("alarm", "alarm."), "no alarm": ("plain", "no alarm.")}
 #: Verdicts that give no answer, and the reason.
@@ -86,48 +70,43 @@ def lead_verdicts(judged: pd.DataFrame) -> pd.Series:
 
 def detection_strip(found: Detections) -> Strip:
     """Whether any detector alarms on the recordings, and if none does, which wear would have shown."""
-    judged, told = found.judged, found.summary["judged"]
-    lead = lead_verdicts(judged)
-    first, runs = min(lead, key=_ORDER.index), lead.value_counts()
-    many, number = count_text(len(lead), "recording"), int(runs[first])
-    scope = (
-        f" Judged: {told['joints']} of {count_text(told['of'], 'joint')}, {told['seconds']:.0f} s recorded."
+    told = describe(found)
+    kind = (
+        "unsure" if told.first == "no alarm" and told.number < told.all else _KINDS.get(told.first, "unsure")
     )
-    if found.summary["refused"]:
-        scope += f" {count_text(len(found.summary['refused']), 'more recording')} refused."
-    kind, sure, caveat = _STRIPS[first]
-    if first in _REACHED:
-        own = judged[judged["verdict"] == first]
-        name = own["session"].where(own["session"] != "", own["run"]).astype(str)
-        where = join_some([f"{one} at {_name_joints(joints)}" for one, joints in own.groupby(name)["joint"]])
-        by = join_words(sorted(own["fda"].unique()))
-        answer = f"{_REACHED[first]} in {number} of {many}: {where}, by {by}.{scope}"
-    elif first == "no alarm":
-        rest = f"; {len(lead) - number} could not be judged" if number < len(lead) else ""
-        answer = f"No alarm in {count_text(number, 'recording')}{rest}.{scope}"
-        caveat, kind = _tell_unseen(found.thresholds), "unsure" if rest else kind
-    else:
-        answer = f"None of {many} could be judged."
-    if "withheld" in runs:
-        caveat = f"Withheld in {count_text(runs['withheld'], 'recording')}: some detectors have no threshold."
+    answer, sure, caveat = (say(_WORDS, part, told).striptags() for part in ("answer", "sure", "caveat"))
     action = Markup('See <a href="#values">every value</a>; <code>wearscope track</code> says what changed.')
-    return Strip(answer, kind, sure.format(100 * found.summary["setting"]["p_f"]), caveat, action)
+    return Strip(answer, kind, sure, caveat, action)
+
+
+def describe(found: Detections) -> SimpleNamespace:
+    """What the words of the strip need of all recordings."""
+    lead = lead_verdicts(found.judged)
+    first, runs = min(lead, key=_ORDER.index), lead.value_counts()
+    own = found.judged[(found.judged["verdict"] == first) & (first in ("alarm", "unchecked"))]
+    name = own["session"].where(own["session"] != "", own["run"]).astype(str)
+    least = found.thresholds.groupby(["motion", "joint"])["wear_detected"].min()
+    return SimpleNamespace(
+        first=first,
+        number=int(runs[first]),
+        all=len(lead),
+        where=join_some([f"{one} at {_name_joints(joints)}" for one, joints in own.groupby(name)["joint"]]),
+        by=join_words(sorted(own["fda"].unique())),
+        joints=found.summary["judged"]["joints"],
+        of=found.summary["judged"]["of"],
+        seconds=f"{found.summary['judged']['seconds']:.0f}",
+        refused=len(found.summary["refused"]),
+        false=f"{100 * found.summary['setting']['p_f']:g}",
+        withheld=int(runs.get("withheld", 0)),
+        blind=join_words(sorted({joint for _, joint in least.index[least.isna()]})),
+        unseen=format_number(float(least.max()), 2),
+    )
 
 
 def _name_joints(joints: pd.Series) -> str:
     """Names of up to two joints, else their number."""
     names = sorted(joints.astype(str).unique())
     return join_words(names) if len(names) <= 2 else count_text(len(names), "joint")
-
-
-def _tell_unseen(thresholds: pd.DataFrame) -> str:
-    """The smallest wear that would have raised an alarm, by the detector that sees it first at each joint."""
-    least = thresholds.groupby(["motion", "joint"])["wear_detected"].min()
-    blind = sorted({joint for _, joint in least.index[least.isna()]})
-    told = f"Wear below {format_number(float(least.max()), 2)} may raise none"
-    if blind:
-        told = f"Which wear would raise one at {join_words(blind)} is unknown"
-    return f"{told}; wearscope track states the smallest change that it sees."
 
 
 def write_quantity(row: Mapping[Any, Any], name: str = "y") -> str:
@@ -174,8 +153,7 @@ def _tell_warmth(alarms: pd.DataFrame) -> str:
         for joint, warmer in zip(away["joint"], away["warmer"], strict=True)
         if abs(warmer) > WARMER
     ]
-    told = f" {join_words(parts)} than in the nominal recordings, which may be the reason."
-    return told if parts else ""
+    return f" {say(_WORDS, 'warmth', join_words(parts)).striptags()}".rstrip()
 
 
 def _tell_rest(rows: pd.DataFrame) -> str:
@@ -187,37 +165,32 @@ def _tell_rest(rows: pd.DataFrame) -> str:
     return "".join(parts)
 
 
-def tell_scatter(found: Detections) -> list[str]:
+def tell_scatter(found: Detections) -> list[Markup]:
     """Scatter of the machine compared with the simulator's, in words."""
     table = found.thresholds[found.thresholds["reason"] == ""]
     known = table[np.isfinite(table["widening"].astype(float))]
-    wide, cells = known[known["scatter_ratio"] > 1.0], count_text(len(known), "cell")
-    sentences = []
-    if len(wide):
-        worst = wide.sort_values("scatter_ratio").iloc[-1]
-        sentences.append(
-            f"In {len(wide)} of {cells} (motion, joint and detector) nominal recordings scatter more than "
-            f"the simulated runs, most at {worst['joint']} with {worst['fda']}: "
-            f"{format_number(worst['scatter_ratio'], 2)} times. The thresholds are widened by that."
-        )
-    elif len(known):
-        sentences.append(f"In no cell of {len(known)} do the nominal recordings scatter more than simulated.")
-    if len(known) < len(table):
-        sentences.append(
-            f"In {count_text(len(table) - len(known), 'cell')} there are fewer than 3 nominal sessions: how "
-            "the machine scatters is not known. Record the motion again, healthy."
-        )
-    return sentences
+    wide = known[known["scatter_ratio"] > 1.0].sort_values("scatter_ratio")
+    most = [
+        (one.joint, one.fda, format_number(one.scatter_ratio, 2)) for one in wide.tail(1).itertuples()
+    ] or [("", "", "")]
+    said = [
+        say(_WORDS, "scatter", len(wide), len(known), *most[0]),
+        say(_WORDS, "unknown", len(table) - len(known)),
+    ]
+    return list(filter(None, said))
 
 
-def tell_factors(found: Detections) -> list[str]:
+def tell_factors(found: Detections) -> list[Markup]:
     """Which factors move nothing in the simulated runs."""
-    sentences, model = [], found.summary["model"]
-    for motion, one in found.summary["motions"].items():
-        idle = [FACTOR_NAMES[kind] for kind in one["factors_that_move_nothing"]]
-        if idle:
-            verb = "moves" if len(idle) == 1 else "move"
-            sentences.append(f"In the model {model}, {join_words(idle)} {verb} no torque of {motion}.")
-        if "wear" in idle:
-            sentences.append("The model has no wear, so a test quantity is not told as wear.")
-    return sentences
+    return [
+        say(
+            _WORDS,
+            "idle",
+            found.summary["model"],
+            motion,
+            join_words([FACTOR_NAMES[one] for one in idle]),
+            len(idle),
+        )
+        for motion, one in found.summary["motions"].items()
+        if (idle := one["factors_that_move_nothing"])
+    ]

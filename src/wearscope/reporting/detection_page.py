@@ -229,7 +229,7 @@ def _setting(found: Detections) -> Markup:
         "runs.",
         f"{runs} of the model {summary['model']} were simulated along each motion, at the recorded "
         f"temperatures. Temperature and payload mass error scatter by {25 * setting['sigma']:.2g} % of their "
-        "ranges in the study (standard deviation); the torque noise is that of "
+        "ranges in the study (standard deviation). The torque noise is that of "
         f"{summary['torque_noise_from']}. Recorded and simulated runs "
         "were filtered alike.",
     ]

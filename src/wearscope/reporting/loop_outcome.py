@@ -1,6 +1,7 @@
 """The first parts of a closed loop's page: the strip, what was named, the next measurement, events."""
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from wearscope.reporting.closed_loop import (
 )
 from wearscope.reporting.labels import (
     UNKNOWN,
-    count_text,
     effect_name,
     join_words,
     parameter_name,
@@ -52,7 +52,7 @@ from wearscope.reporting.loop_words import (
     tell_unexplained,
     tell_why,
 )
-from wearscope.reporting.page import JOINT, format_number, render_part, render_table, render_template
+from wearscope.reporting.page import JOINT, format_number, render_part, render_table, render_template, say
 from wearscope.reporting.page_strip import Strip
 
 _CHANGES = {"smaller": "good", "same": "neutral", "larger": "bad"}
@@ -62,6 +62,7 @@ _LEFT = {
     "unexplained": ("unsure", "structure left"),
     "not_judged": ("unsure", "not judged"),
 }
+_WORDS = "loop/strip.html"
 #: Bound on the false alarms an hour from which on it is useless.
 _MOST_ALARMS = 60.0
 #: Of a card's picture: width, height, points.
@@ -71,54 +72,45 @@ _WIDTH, _HEIGHT, _POINTS = 320, 76, 200
 def loop_strip(loop: ClosedLoop) -> Strip:
     """What the model lacks, and whether it got better."""
     kind, text = conclude_loop(loop.verdict)
-    statuses = [one["status"] for one in loop.verdict["verdict"]]
-    held, refuted = statuses.count("confirmed"), statuses.count("refuted")
-    more = f"; they refute {refuted}" if refuted else ""
-    sure = f"Test runs that no fit used confirm {held} of {count_text(len(statuses), 'effect')}{more}."
-    if held and not falls_anywhere(loop.verdict):
-        sure = "Test runs that no fit used show no error that falls."
-    if not statuses:
-        sure = "Every effect of the vocabulary was tried at every joint that moves."
-    if events := len(join_events(loop.verdict.get("events") or [])):
-        sure += f" Rows of {count_text(events, 'short event')} (a push, a collision) count in no fit."
-    return Strip(text, kind, sure, _caveat(loop), _advise(loop))
+    told = describe(loop)
+    sure, caveat = (say(_WORDS, part, told).striptags() for part in ("sure", "caveat"))
+    return Strip(text, kind, sure, caveat, say(_WORDS, "action", told))
 
 
-def _advise(loop: ClosedLoop) -> Markup:
-    """What to do next: record the motion that separates names, else use the better model."""
-    entries = loop.verdict["verdict"]
-    kept = any(map(is_in_model, entries))
-    if advised := [one for one in loop.verdict.get("next_measurement") or [] if "table" in one]:
-        text = Markup('Record <a href="{0}">{0}</a> ({1}){2}, then diagnose again.')
-        more = f' and <a href="#next-measurement">{len(advised) - 1} more</a>' if advised[1:] else ""
-        until = Markup(' Until then use <a href="model_after.yaml">model_after.yaml</a>.') if kept else ""
-        return text.format(advised[0]["table"], count_text(advised[0]["runs"], "run"), Markup(more)) + until
-    sure = any(one["status"] == "confirmed" for one in entries)
-    body = kept and any(one["effect"] in list_shared() for one in entries)
-    if not sure and (body or (not kept and (tell_load(loop.verdict) or doubt_masses(loop.verdict)))):
-        if tell_load(loop.verdict).startswith("The load differs"):
-            return Markup("State each run's payload in dataset.yaml, and diagnose again.")
-        text = Markup("Weigh the payload, and check masses and torque constants. Where those are right, ")
-        return text + Markup("<code>--inertials trusted</code> lets the test runs tell a payload's error.")
-    if kept and not sure:
-        text = Markup("The test runs do not decide: record one of faster or wider motion, ")
-        return text + "and diagnose again."
-    if kept and (doubt := doubt_simulation(loop.forward)):
-        return Markup.escape(doubt)
-    if kept:
-        text = Markup('Use the corrected model, <a href="model_after.yaml">model_after.yaml</a>')
-        if "next_measurement" not in loop.verdict and any(one["equivalent"] for one in entries):
-            return text + Markup(". <code>wearscope diagnose</code> says what to record to tell names apart.")
-        return text + Markup(": as a robot of a study, or by <code>wearscope export</code>.")
-    if any(one["status"] != "refuted" for one in entries):
-        return Markup("Check it on the machine: the corrected model leaves it out.")
-    if apart := loop.verdict.get("contradictory_runs"):
-        told = f"Find out what differs in {join_words(apart)}: a touch, or a tool. Leave these runs out of"
-        return Markup.escape(f"{told} dataset.yaml, or state their payload there, and diagnose again.")
-    if list_unexplained(loop.verdict, small=False) or tell_noise(loop.verdict):
-        text = Markup('Look at the <a href="#residual">residual</a>: a push stands out over time, ')
-        return text + "a missing effect over a signal."
-    return Markup("Keep the declared model; record another motion if you doubt it.")
+def describe(loop: ClosedLoop) -> SimpleNamespace:
+    """What the words of the strip need of a closed loop."""
+    verdict, entries, joints = loop.verdict, loop.verdict["verdict"], loop.verdict["joints"]
+    statuses, unjudged = [one["status"] for one in entries], joints_in(verdict, "not_judged")
+    left = list_unexplained(verdict, small=False)
+    worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0), default="")
+    curves = [one for one in entries if one["effect"] == UNKNOWN and is_in_model(one)]
+    advised = [one for one in verdict.get("next_measurement") or [] if "table" in one]
+    return SimpleNamespace(
+        named=len(entries),
+        held=statuses.count("confirmed"),
+        refuted=statuses.count("refuted"),
+        falls=falls_anywhere(verdict),
+        events=len(join_events(verdict.get("events") or [])),
+        unjudged=join_words(unjudged),
+        reason=joints[unjudged[0]].get("reason", "") if unjudged else "",
+        masses=doubt_masses(verdict),
+        load=tell_load(verdict),
+        rivals=tell_rivals(verdict),
+        worst=worst,
+        size=size_left(joints[worst]) if worst else "",
+        why=tell_why(joints[worst]) if worst else "",
+        curve=curves[0]["joint"] if curves else "",
+        over=join_words([*map(name_signal, curves[0]["depends_on"])]) if curves else "",
+        small=upper_first(tell_unexplained(verdict, small=True)),
+        noise=tell_noise(verdict),
+        runs=int(loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()),
+        advised=advised,
+        unasked="next_measurement" not in verdict and any(one["equivalent"] for one in entries),
+        kept=any(map(is_in_model, entries)),
+        body=any(map(is_in_model, entries)) and any(one["effect"] in list_shared() for one in entries),
+        doubt=doubt_simulation(loop.forward),
+        apart=join_words(verdict.get("contradictory_runs") or []),
+    )
 
 
 def doubt_simulation(forward: pd.DataFrame | None) -> str:
@@ -133,44 +125,14 @@ def doubt_simulation(forward: pd.DataFrame | None) -> str:
         return ""
     whole = forward[forward["run"] == "all"].set_index(["stage", "joint"])
     before, after = whole.loc["before"], whole.loc["after"]
-    usable = "Use it for torques along a measured motion; in a simulation keep the declared model."
-    for outcome in after["outcome"][(before["outcome"] == "ok") & (after["outcome"] != "ok")]:
-        return (
-            f"The corrected model cannot be simulated: {outcome.partition('failed: ')[2] or outcome} {usable}"
-        )
+    failed = after["outcome"][(before["outcome"] == "ok") & (after["outcome"] != "ok")]
     worse = after.index[after["motion_rms_low"] > before["motion_rms_high"]]
-    if not len(worse):
+    if failed.empty and worse.empty:
         return ""
-    joint = (after["motion_rms"] / before["motion_rms"])[worse].idxmax()
-    ends = " against ".join(format_number(one.at[joint, "motion_rms"], 2) for one in (after, before))
-    told = f"Simulated, the corrected model strays further from the measured motion at {joint}: {ends}."
-    return f"{told} {usable}"
-
-
-def _caveat(loop: ClosedLoop) -> str:
-    """What limits the verdict most, the first that applies."""
-    joints = loop.verdict["joints"]
-    if unjudged := joints_in(loop.verdict, "not_judged"):
-        reason = joints[unjudged[0]].get("reason", "")
-        return f"Not judged: {join_words(unjudged)}{f', as {reason}' if reason else ''}."
-    if doubt := doubt_masses(loop.verdict):
-        return doubt
-    if rivals := tell_rivals(loop.verdict):
-        return rivals
-    if left := list_unexplained(loop.verdict, small=False):
-        worst = max(left, key=lambda joint: number(joints[joint].get("left_percent") or 0.0))
-        why, size = tell_why(joints[worst]), size_left(joints[worst]) or "structure without a name"
-        return f"At {worst}, {size} is left: {why}."
-    for one in loop.verdict["verdict"]:
-        if one["effect"] == UNKNOWN and is_in_model(one):
-            on = join_words([*map(name_signal, one["depends_on"])]) or "no known signal"
-            return f"At {one['joint']} the correction is a curve over {on}, without a name."
-    if small := tell_unexplained(loop.verdict, small=True):
-        return f"{upper_first(small)}."
-    runs = loop.residual.loc[loop.residual["use"] == "train", "run"].nunique()
-    if runs < 3:
-        return f"Only {count_text(int(runs), 'training run')}: what repeats from run to run is not known."
-    return "Names say which formula fits and carries over, not which part of the machine causes it."
+    reason = "".join(one.partition("failed: ")[2] or one for one in failed[:1])
+    joint = (after["motion_rms"] / before["motion_rms"])[worse].idxmax() if len(worse) else ""
+    ends = [format_number(one["motion_rms"].get(joint), 2) for one in (after, before)]
+    return say(_WORDS, "doubt", reason, joint, *ends)
 
 
 def render_outcome(loop: ClosedLoop) -> Markup:

@@ -50,7 +50,8 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
 
 def _strip(one: Reevaluation) -> Strip:
     withheld = tell_withheld(one)
-    own = f"Assumed on every side, as no recording shows it: {join_words([*_group_assumed(one)])}."
+    hidden = join_words([*_group_assumed(one)], "or")
+    own = f"No recording shows {hidden}: it is assumed, the same on every side."
     if not one.assumed:
         own = "It holds for the test-cycles and axes of this study."
     action = Markup('See <a href="#detectors">detector by detector</a>, then study the corrected model.')
@@ -211,7 +212,8 @@ def tell_headline(one: Reevaluation) -> str:
         f"{join_words([one.names.get(fda, fda) for fda in own['fda'].unique()])} on axis {axis}"
         for axis, own in rows.groupby("axis")
     ]
-    return f"{best}. The signal-to-noise ratio changes for {join_words(cells) or 'none'}."
+    ratios = f"Signal-to-noise ratios change: {join_words(cells)}"
+    return f"{best}. {ratios if cells else 'No signal-to-noise ratio changes'}."
 
 
 def _compare_best(one: Reevaluation) -> tuple[list[str], bool]:

@@ -113,8 +113,8 @@ def _assumptions(study: Study) -> list[tuple[str, str]]:
         f"{snr['f0'] + snr['delta']:g}. Scope: one factor varies, the others are nominal, wear from "
         f"{scope['f0']:g}. Beyond ±2, the ends of a range, nothing was simulated.",
         "Extrapolation to nominal": _extrapolation(study),
-        "Intervals": "95 %. Those of medians, ranks and differences are bootstraps over the cells; shares "
-        "have Wilson intervals; those of the surrogates assume independent normal residuals.",
+        "Intervals": "95 %. Those of medians, ranks and differences are bootstraps over the cells. Shares "
+        "have Wilson intervals. Those of the surrogates assume independent normal residuals.",
         "Reality": "All is simulated. Only measured data say how well, see the closed loop.",
     }
     signed = [(name, text.replace(" -", " −")) for name, text in facts.items()]

@@ -3,6 +3,7 @@
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import altair as alt
@@ -35,10 +36,12 @@ from wearscope.reporting.page import (
     render_page,
     render_part,
     render_table,
+    say,
 )
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
 
+_WORDS = "tracking/strip.html"
 _OPEN = "changed, cause not told"
 _STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}
 _STATES |= {_OPEN: "triangle-up"}
@@ -174,39 +177,40 @@ def render_tracking(tracking: Tracking) -> str:
 
 def tracking_strip(tracking: Tracking) -> Strip:
     """What changed on a machine in its last session, and what that session cannot tell."""
+    told = describe(tracking)
+    kind = "bad" if told.changes else "unsure" if told.hidden or told.passed else "good"
+    answer, sure, caveat = (say(_WORDS, part, told).striptags() for part in ("answer", "sure", "caveat"))
+    return Strip(answer, kind, sure, caveat, say(_WORDS, "action", told))
+
+
+def describe(tracking: Tracking) -> SimpleNamespace:
+    """What the words of the strip need of a tracked machine."""
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
-        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)} since {one['since']}"
+        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)}{_tell_since(one, last)}"
         for one in list_first(last["changes"])
     ]
-    hidden, unknown = last["cannot_tell"], tracking.open_changes()
-    answer, kind = "Nothing changed since the machine was healthy.", "good"
-    action = Markup("Record the next session, then <code>wearscope track DATA</code>.")
-    if hidden:
-        answer, kind = "No change is sure, and some cannot be told.", "unsure"
-    caveat = [*hidden, "Only what the recorded motions excite is seen"][0].partition(". ")[0]
-    if unknown and not changes:
-        told = [f"{text.partition(':')[0]}, since {tracking.open_since(j)}." for j, text in unknown.items()]
-        answer, (caveat, _, remedy) = " ".join(told), next(iter(unknown.values())).partition(". ")
-        caveat = upper_first(caveat.partition(": ")[2])
-        action = Markup.escape(remedy) if remedy else action
-    if changes:
-        answer, kind = f"Changed: {join_some(changes, _MOST_TOLD)}.", "bad"
-        action = Markup('See <a href="#friction">it over the sessions</a>.')
-        if worn := {one["joint"] for one in last["changes"] if one["effect"] in _WEARS}:
-            grows = Markup('{}See <a href="#friction">how it grows</a>, and plan the maintenance.')
-            action = grows.format(tell_limits(tracking, worn))
-    elif not unknown and (passed := tracking.changed_before()):
-        answer += f" Changes were seen in {join_words(passed)}."
-        kind = "unsure"
-    caveat = f"{caveat.rstrip('.')}."
-    if events := len(join_events(last.get("events", []))):
-        they = "it is" if events == 1 else "they are"
-        caveat = f"{count_text(events, 'short event')} left out; {they} no change. {caveat}"
-    if scattering := [one["session"] for one in outcome["reference_scatter"]]:
-        caveat = f"Left out of the reference, since it scatters: {join_words(scattering)}. {caveat}"
-    sure = f"At most {100 * outcome['false_alarm_rate']:.3g} % of a healthy machine's sessions give an alarm."
-    return Strip(f"Session {last['session']}: {answer}", kind, sure, caveat, action)
+    unknown = {} if changes else tracking.open_changes()
+    reason, _, remedy = next(iter(unknown.values()), "").partition(". ")
+    return SimpleNamespace(
+        session=last["session"],
+        changes=join_some(changes, _MOST_TOLD),
+        open=[(text.partition(":")[0], tracking.open_since(joint)) for joint, text in unknown.items()],
+        reason=upper_first(reason.partition(": ")[2]).rstrip("."),
+        remedy=remedy,
+        hidden="".join(last["cannot_tell"][:1]).partition(". ")[0].rstrip("."),
+        passed="" if changes or unknown else join_words(tracking.changed_before()),
+        false=f"{100 * outcome['false_alarm_rate']:.3g}",
+        events=len(join_events(last.get("events", []))),
+        scattering=join_words([one["session"] for one in outcome["reference_scatter"]]),
+        worn=(worn := {one["joint"] for one in last["changes"] if one["effect"] in _WEARS}),
+        limits=tell_limits(tracking, worn),
+    )
+
+
+def _tell_since(entry: Mapping[str, Any], session: Mapping[str, Any]) -> str:
+    """The session from which on a change is seen, where it is an earlier one."""
+    return "" if entry["since"] == session["session"] else f" since {entry['since']}"
 
 
 def list_first(changes: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -274,6 +278,12 @@ def _outcome(tracking: Tracking) -> Markup:
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
     changes = [*(upper_first(tell_entry(entry)) for entry in last["changes"]), *unknown]
+    named = {(entry["joint"], entry["effect"]) for entry in last["changes"]}
+    changes += [
+        f"This wear adds {format_number(one['level'], 2)} % to the friction of {one['joint']}."
+        for one in tracking.outcome["wear"]
+        if one["session"] == last["session"] and (one["joint"], one["effect"]) in named
+    ]
     parts = [render_part(listed=changes or ["No change is sure."])]
     if hidden := [text for text in last["cannot_tell"] if text not in unknown]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=hidden)]

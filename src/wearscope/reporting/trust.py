@@ -107,7 +107,7 @@ def direct_outcome(study: Study) -> list[str]:
     known = table["agrees"].dropna().astype(bool)
     runs = count_text(int(table["runs"].iloc[0]), "simulation")
     return [
-        f"Simulated directly, {tell_cell(table.iloc[0])}, {runs} under each hypothesis: the interval of the "
+        f"Simulated directly: {tell_cell(table.iloc[0])}, {runs} with and without wear. The interval of the "
         f"signal-to-noise ratio overlaps the surrogate's for {int(known.sum())} of "
         f"{count_text(len(known), 'detector')}."
     ]
@@ -240,23 +240,23 @@ def surrogate_quality(study: Study) -> str:
     good = finite(rows["fit"])
     if not good.size:
         return f"The {model} has no fit on the {runs} runs in any cell."
-    missing = f"; {count_text(len(rows) - good.size, 'cell')} n/a" if len(rows) > good.size else ""
+    missing = f" It is n/a in {count_text(len(rows) - good.size, 'cell')}." if len(rows) > good.size else ""
     medians = [
         f"{study.detector_name(fda)} {format_number(float(np.median(finite(fits))), 2)} %"
         if finite(fits).size
         else f"{study.detector_name(fda)} n/a"
         for fda, fits in rows.groupby("fda", sort=True)["fit"]
     ]
-    text = f"The {model} fits the {runs} runs to these medians: {', '.join(medians)}; "
-    text += f"{format_number(float(good.min()))} % at worst, "
+    text = f"Median fit of the {model} on the {runs} runs: {', '.join(medians)}. "
+    text += f"The lowest fit is {format_number(float(good.min()))} %. It is "
     if "state" not in rows:
         poor = int((good < POOR_FIT).sum())
-        return f"{text}below {POOR_FIT:g} % in {poor} of {count_text(good.size, 'cell')}{missing}."
+        return f"{text}below {POOR_FIT:g} % in {poor} of {count_text(good.size, 'cell')}.{missing}"
     goal = study.config["surrogates"]["filling"]["goal"]
     reached, ceiling, short = (
         int((rows["state"] == one).sum()) for one in ("reached", "at ceiling", "short")
     )
     text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
     text += f", in {ceiling} more as far as the noise of a run allows" if ceiling else ""
-    text += f"; in {count_text(short, 'cell')} the points did not suffice" if short else ""
-    return f"{text}{missing}."
+    text += f". In {count_text(short, 'cell')} the points did not suffice" if short else ""
+    return f"{text}.{missing}"

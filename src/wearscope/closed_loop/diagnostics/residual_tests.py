@@ -101,7 +101,7 @@ def see_motion(
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         share, *chance = (float(np.mean(x * np.roll(y, int(k)))) / size for k in (0.0, *shifts))
         if share > max(_SURE * float(np.sqrt(np.mean(np.square(chance)))), np.abs(chance).max()):
-            seen.append(Seen(share, [], "it repeats where a run repeats another's motion"))
+            seen.append(Seen(share, [], "it returns whenever a motion is repeated"))
     return [*seen, *_see_mean(train, test)]
 
 

@@ -96,9 +96,9 @@ def chart_response(study: Study, first: Mapping[str, str]) -> Chart:
         "The test quantity over each factor",
         layered.properties(width="container", height=330),
         {"responses": Source("responses", by), "simulated": Source("simulated", by)},
-        "Line and band: the surrogate that the questions are asked of, with the other factors at nominal, "
-        "and where 95 % of new runs should lie. Points: simulated runs, moved by the surrogate to nominal "
-        "levels of their other factors, or as they were simulated.",
+        "Line: the surrogate that answers, with the other factors at nominal. Band: where 95 % of new runs "
+        "should lie. Points: simulated runs, moved by the surrogate to nominal levels of their other "
+        "factors, or as they were simulated.",
         [
             Choice("factor", "Over", [(one.name, factor_name(one)) for one in study.factors]),
             Choice("held", "Points", [("y_held", "other factors at nominal"), ("y", "as simulated")]),
@@ -194,8 +194,8 @@ def chart_reach(study: Study, shifts: Mapping[str, float]) -> Chart:
         "The smallest wear that each detector finds",
         spec.properties(width="container", height=210),
         {"reach": Source("reach", {"factor": "factor", "fda": "fda"})},
-        "Lower and further right is better. A line ends where no wear that was simulated is found surely. "
-        "Dashed, upright: how far the factor moves in a shift.",
+        "Lower and further right is better. A line ends where no wear that was simulated is found surely; a "
+        "detector without a line finds none. Dashed, upright: how far the factor moves in a shift.",
         [Choice("factor", "Varying", options)],
     )
 
