@@ -135,7 +135,7 @@ def best_detector(study: Study) -> list[str]:
     tied = [one for one in str(row["tied_with"]).split(", ") if one and one not in out]
     if tied:
         what = "The cells' own intervals leave" if few else "The choice of cells leaves"
-        rivals = study.join_detectors(tied, "or") if by == ["fda"] else ", ".join(tied)
+        rivals = join_words([group_name(by, one.split("/"), full) for one in tied], "or")
         sentences.append(f"{what} open whether it beats {rivals}.")
     elif len(known) > 1 and few:
         sentences.append("Its interval lies above all others, at 95 %; other cells were not asked.")

@@ -247,7 +247,9 @@ def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
     if not falls_anywhere(verdict):
         return "On the test runs no joint's error falls by more than half a percent"
     with_it = "With it" if sum(kept) == 1 else "With them"
-    if not all(kept):
+    if not any(kept):
+        with_it = "Without it" if len(kept) == 1 else "Without them"
+    elif not all(kept):
         with_it = "With the others" if sum(kept) > 1 else "With the other one"
     return (
         f"{with_it}, the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
