@@ -79,16 +79,20 @@ class Problem:
         self._made: dict[tuple, Candidate | None] = {}
         self._waves: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._gravity: dict[int, np.ndarray] = {}
+        self._reversals: dict[int, Term] = {}
+        self._same: set[int] = set()
 
     @cached_property
     def base(self) -> tuple[Term, ...]:
         """The declared model's terms, inertial deviations first."""
         chosen = [self._deviations] if self.inertial else []
         for term in self.declared_terms:
-            candidate = make_candidate(term.effect, term.joint, self.prepared, np.array([term.shape]))
+            candidate = self._make_one(term.effect, term.joint, np.array(term.shape))
             chosen.append(Term(candidate, term.subset))
         for joint in np.flatnonzero(self.prepared.moving & (self.prepared.reversals.width > 0.0)).tolist():
-            chosen.append(make_reversal(self.prepared, joint))
+            if joint not in self._reversals:
+                self._reversals[joint] = make_reversal(self.prepared, joint)
+            chosen.append(self._reversals[joint])
         return tuple(chosen)
 
     @cached_property
@@ -102,11 +106,12 @@ class Problem:
 
     def reverse_over(self, reversals: Reversals) -> "Problem":
         """The same problem with other friction reversals; columns that do not depend on them are kept."""
-        same = set(np.flatnonzero(~reversals.differ(self.prepared.reversals)).tolist())
         other = copy(self)
         other.__dict__.pop("base", None)
+        same = other._same = set(np.flatnonzero(~reversals.differ(self.prepared.reversals)).tolist())
         other._take_signals(self.prepared.reverse_over(reversals))
         other._made = {key: made for key, made in self._made.items() if _keeps(made, key[1], same)}
+        other._reversals = {joint: term for joint, term in self._reversals.items() if joint in same}
         return other
 
     def _take_signals(self, prepared: Prepared) -> None:
@@ -120,7 +125,9 @@ class Problem:
     def remake(self, term: Term) -> Term:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
         made, shape = term.candidate, np.array(term.model_term.shape)
-        if not term.follows_direction:
+        if not term.follows_direction or (
+            not made.effect.empirical and _keeps(made, made.joint, self._same)
+        ):
             return term
         again = make_candidate(made.effect, made.joint, self.prepared, shape[None])
         if made.effect.empirical:
@@ -217,13 +224,13 @@ class Problem:
         falls = np.concatenate([power[:-1] >= power[1:], [True]])
         peaks = np.flatnonzero(rises & falls)
         peaks = np.sort(peaks[np.argsort(-power[peaks])][:_PEAKS])
-        made = [self._make_wave(effect, joint, shapes[k]) for k in peaks]
+        made = [self._make_one(effect, joint, shapes[k]) for k in peaks]
         named = tuple(one.shapes[0] for one in made)
         columns = np.concatenate([one.rows[0] for one in made], axis=1)
         return replace(made[0], shapes=named, rows=(columns,), tried=max(1.0, len(shapes) / len(peaks)))
 
-    def _make_wave(self, effect: Effect, joint: int, shape: np.ndarray) -> Candidate:
-        """Candidate of a periodic effect with one shape (k,)."""
+    def _make_one(self, effect: Effect, joint: int, shape: np.ndarray) -> Candidate:
+        """Candidate of an effect with one shape (k,)."""
         key = (effect.name, joint, shape.tobytes())
         if key not in self._made:
             self._made[key] = make_candidate(effect, joint, self.prepared, shape[None])
