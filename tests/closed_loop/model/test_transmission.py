@@ -136,9 +136,6 @@ def test_a_gear_for_small_loads_is_named_though_softer_than_those_for_large_ones
     assert entry["parameters"]["compliance"]["value"] == pytest.approx(compliance, rel=0.05)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a lost motion of 1.3 deg, which no gear has, is answered payload_error of -0.1 g"
-)
 def test_a_lost_motion_beyond_belief_is_no_payload(tmp_path):
     verdict, _ = lost_motion_of(tmp_path, bounded=False, seconds=12.0)
     assert {e["effect"] for e in verdict["verdict"]} <= {"backlash", "unknown"}
