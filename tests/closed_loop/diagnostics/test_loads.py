@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+import yaml
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.loads import tell_loads
@@ -89,6 +90,26 @@ def test_masses_that_are_right_are_no_payload(record, carry):
         runs=4, duration=8.0, extra_torque=carry([0.0] * 4), seed=33, robot={"inertials": "approximate"}
     )
     assert not [note for note in diagnose(folder).verdict["notes"] if "payload" in note]
+
+
+@pytest.mark.parametrize(
+    ("stated", "more", "told"), [(True, -3.0, True), (False, -1.0, True), (False, -4.0, False)]
+)
+def test_a_payload_is_told_where_a_machine_can_carry_it(record, carry, stated, more, told):
+    """Without a stated payload, links that are 1 kg too heavy are no payload of -1 kg."""
+    folder = record(
+        runs=4, duration=8.0, extra_torque=carry([more] * 4), seed=33, robot={"inertials": "approximate"}
+    )
+    if not stated:
+        fields = yaml.safe_load((folder / "dataset.yaml").read_text())
+        for run in fields["runs"]:
+            del run["payload"]
+        (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
+    notes = [note for note in diagnose(folder).verdict["notes"] if note.startswith(LOAD)]
+    assert bool(notes) == told
+    if told:
+        mass = float(re.search(r"payload of (\S+) kg", notes[0])[1])
+        assert mass == pytest.approx(more + 3.0 * (not stated), rel=0.05)
 
 
 def test_friction_by_another_load_than_the_model_s_says_so(record, carry):

@@ -20,7 +20,8 @@ from wearscope.effects.vocabulary import session_effects
 _MOST = 0.5
 #: A payload may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
-#: Share of a joint's torque (RMS) by which a URDF's masses are usually wrong, of which no load is told.
+#: Refitted masses are told as a load where they add more than this share of a joint's torque (RMS): it is
+#: assumed that a URDF's masses may be wrong by as much.
 _USUAL = 0.1
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
@@ -132,9 +133,10 @@ def tell_payload(after: Regression) -> list[str]:
     low, high = found.intervals["mass"]
     moment = np.array([found.values[f"moment_{axis}"] for axis in "xyz"])
     bodies = [run.signals.rigid_body for run in runs]
-    reach, most = scale_payload(bodies[0])[1], max(b.payload.mass if b.payload else 0.0 for b in bodies)
-    # No machine carries less than nothing; what stands further away than the robot reaches is no payload.
-    impossible = high < -most or np.linalg.norm(moment) > reach * abs(found.values["mass"])
+    carries, reach = any(body.payload for body in bodies), scale_payload(bodies[0])[1]
+    # No machine carries less than nothing, nor anything further away than the robot reaches.
+    less = high < 0.0 and not carries
+    impossible = less or np.linalg.norm(moment) > reach * abs(found.values["mass"])
     if share < _ALIKE or low <= 0.0 <= high or impossible:
         return []
     return [

@@ -34,7 +34,7 @@ _SWINGS = (4.0, 2.0, 1.3, 0.9, 0.65, 0.5)
 _LAGS = (0.0, 0.08, 0.2, 0.4)
 #: Number of ripples that are sought in a joint's residual, and most rows for that.
 _PEAKS, _MOST_ROWS = 8, 4000
-#: Size of a gain that is believed, over the one that intake noted.
+#: Largest coefficient that is believed, over the one that intake notes.
 _AROUND = 1.2
 
 
@@ -125,9 +125,7 @@ class Problem:
     def remake(self, term: Term) -> Term:
         """A term of a model along this problem's signals; errors of the record and bending are kept."""
         made, shape = term.candidate, np.array(term.model_term.shape)
-        if not term.follows_direction or (
-            not made.effect.empirical and _keeps(made, made.joint, self._same)
-        ):
+        if not term.follows_direction or (not made.effect.empirical and _keeps(made, made.joint, self._same)):
             return term
         again = make_candidate(made.effect, made.joint, self.prepared, shape[None])
         if made.effect.empirical:
@@ -258,15 +256,13 @@ class Problem:
     def bounds(self, term: ModelTerm) -> list[tuple[float, float]]:
         """Believable bounds of a term's coefficients at its joint, then of its shape parameters.
 
-        A gain that intake noted of some joints is believed there.
+        A size that intake notes of the first coefficient is believed.
         """
         effect = term.effect
         parameters = (*(effect.coefficients[k] for k in term.subset), *effect.shape)
         bounds = self.prepared.bound(parameters, term.joint)
-        factors = self.prepared.torque_factors
-        # Where all torques are of another size, the masses may as well be.
-        if isinstance(effect, MeasurementEffect) and effect.kind == "gain" and len(factors) < self.prepared.n:
-            noted = _AROUND * (factors.get(self.prepared.dataset.joints[term.joint], 1.0) - 1.0)
+        if (effect.name, term.joint) in self.prepared.noted:
+            noted = _AROUND * self.prepared.noted[effect.name, term.joint]
             bounds[0] = min(bounds[0][0], noted), max(bounds[0][1], noted)
         return bounds
 

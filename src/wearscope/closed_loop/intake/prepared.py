@@ -103,6 +103,8 @@ class Prepared:
         Joints in whose torque there is no friction to be seen.
     torque_factors : dict of str to float
         By joint, torque over what the stated bodies need, where one clearly fits better than 1.
+    noted : dict of (str, int) to float
+        First coefficient of an effect at a joint, as the reading of the columns has it.
     checked : list of str
         Those of the notes that came of `check_plausibility`.
     """
@@ -117,6 +119,7 @@ class Prepared:
     top_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     link_side: frozenset[str] = frozenset()
     torque_factors: dict[str, float] = field(default_factory=dict)
+    noted: dict[tuple[str, int], float] = field(default_factory=dict)
     checked: list[str] = field(default_factory=list)
 
     @property

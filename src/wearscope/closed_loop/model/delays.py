@@ -130,7 +130,7 @@ def move_by_delays(
     able = [j for j in joints if prepared.moving[j]]
     delays = find_delays(model, able, common)
     moved = prepare_thinned(move_torque(prepared.dataset, delays), budget)
-    kept = {name: getattr(prepared, name) for name in ("link_side", "torque_factors", "checked")}
+    kept = {name: getattr(prepared, name) for name in ("link_side", "torque_factors", "noted", "checked")}
     return replace(moved, notes=[*moved.notes, *prepared.checked], **kept)
 
 

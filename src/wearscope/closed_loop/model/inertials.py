@@ -10,7 +10,8 @@ from wearscope.robots.spatial import pseudo_inertia
 
 #: Usual error of an inertial parameter, as a share of its link's own scale.
 USUAL_ERROR = 0.3
-#: Share of the stated pseudo-inertia that a link keeps, whatever the fit says: simulators need positive ones.
+#: Share of the stated pseudo-inertia that a link keeps, as simulators need positive ones; smallest eigenvalue
+#: of a root from which the fit starts, over the largest one.
 _LEAST = 1e-4
 
 

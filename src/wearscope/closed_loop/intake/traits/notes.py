@@ -8,6 +8,7 @@ from wearscope.closed_loop.intake.traits.hypotheses import NOTE, tell
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
 from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
 from wearscope.closed_loop.intake.traits.search import LITTLE, Weighed
+from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Share of a torque's variance below which there is no friction in it.
 _NO_FRICTION = 1e-4
@@ -33,7 +34,11 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     names = prepared.dataset.joints
     if not refused or found.is_answer:
         prepared.notes += [told for told, _ in noted]
-        prepared.torque_factors = {names[j]: one for j, one in enumerate(reading.size) if one != 1.0}
+        factors = {j: one for j, one in enumerate(reading.size) if one != 1.0}
+        prepared.torque_factors = {names[j]: one for j, one in factors.items()}
+        # Where all torques are of another size, the masses may be wrong as well.
+        if len(factors) < len(names):
+            prepared.noted = {(TORQUE_CONSTANT.name, j): one - 1.0 for j, one in factors.items()}
     _note_payload(prepared, found)
     for k, j in enumerate(model.fit.joint.tolist()):
         if model.rub(k) < _NO_FRICTION and model.left[k] < LITTLE:
