@@ -24,9 +24,7 @@ def slow(*numbers):
     return pytest.param(*numbers, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(
-    ("n", "turned"), [(3, "tau_j1,tau_j3"), (4, "tau_j2,tau_j4"), (2, "tau_j2")], ids=["3", "4", "2"]
-)
+@pytest.mark.parametrize(("n", "turned"), [slow(3, "tau_j1,tau_j3"), (2, "tau_j2")], ids=["3", "2"])
 def test_torque_sensors_that_are_turned_are_all_named_and_turned_in_one_call(tmp_path, n, turned):
     signs = np.array([-1.0 if f"tau_j{k + 1}" in turned else 1.0 for k in range(n)])
     bench = Bench(tmp_path, n, mass=0.4 * n)
@@ -36,16 +34,15 @@ def test_torque_sensors_that_are_turned_are_all_named_and_turned_in_one_call(tmp
     bench.accept("--turn", turned)
 
 
-@pytest.mark.parametrize(("n", "dead"), [(3, 2), slow(5, 4)])
-def test_a_torque_that_is_noise_hides_no_sign_of_the_others(tmp_path, n, dead):
+def test_a_torque_that_is_noise_hides_no_sign_of_the_others(tmp_path):
     """As a joint sensor of a light wrist behind the gear."""
-    bench = Bench(tmp_path, n, 2.0, size=0.5, runs=2)
-    own = np.where(np.arange(n) == dead, 0.0, -1.0)
+    bench = Bench(tmp_path, 3, 2.0, size=0.5, runs=2)
+    own = np.array([-1.0, -1.0, 0.0])
     bench.record(lambda q, v, a, rng, t: own * chain(q, v, a, 2.0, 0.3) + rng.normal(0, 0.05, q.shape))
     assert "opposite sign of what the motion needs" in bench.refuse()
 
 
-@pytest.mark.parametrize(("n", "mass", "friction"), [(2, 4.0, 3.0), (3, 0.8, 0.3), (2, 0.2, 0.02)])
+@pytest.mark.parametrize(("n", "mass", "friction"), [(2, 4.0, 3.0), slow(2, 0.2, 0.02)])
 def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     bench = Bench(tmp_path, n, mass)
     weight = mass * 0.3 * 9.81
@@ -58,9 +55,8 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
-@pytest.mark.parametrize("n", [3, slow(4)])
-def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_it(tmp_path, n):
-    bench = Bench(tmp_path, n, 2.0, size=0.5)
+def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_it(tmp_path):
+    bench = Bench(tmp_path, 3, 2.0, size=0.5)
     bench.frequencies = (0.05, 0.11, 0.19)
     bench.record(
         lambda q, v, a, rng, t: (
@@ -82,7 +78,7 @@ def behind_filter(tau, lag, dt):
     return out
 
 
-@pytest.mark.parametrize(("n", "lag"), [(2, 0.022), slow(3, 0.018), slow(4, 0.0)])
+@pytest.mark.parametrize(("n", "lag"), [(2, 0.022), (2, 0.0)])
 def test_torques_behind_a_filter_are_noted_with_their_lag(tmp_path, n, lag):
     bench = Bench(tmp_path, n, 2.0, size=0.5, rate=200.0)
     bench.frequencies = (0.21, 0.43, 0.77, 1.31)
@@ -112,11 +108,10 @@ def test_positions_in_turns_or_before_a_gear_are_told_with_their_factor(tmp_path
     assert diagnose(tmp_path / "d").verdict["verdict"] == []
 
 
-@pytest.mark.parametrize(("n", "turned"), [(3, 2), slow(4, 1)])
-def test_a_joint_turned_round_in_both_columns_is_told_next_to_a_spring(tmp_path, n, turned):
+def test_a_joint_turned_round_in_both_columns_is_told_next_to_a_spring(tmp_path):
     """Friction makes much of the torque, and a spring that nobody declared is at another joint."""
-    bench = Bench(tmp_path, n, 2.0)
-    sign = np.where(np.arange(n) == turned, -1.0, 1.0)
+    bench = Bench(tmp_path, 3, 2.0)
+    sign = np.array([1.0, 1.0, -1.0])
 
     def torque(q, v, a, rng, t):
         tau = chain(q, v, a, 2.0, 0.3) + rub(v, 3.0, 3.0) + rng.normal(0, 0.05, q.shape)
@@ -124,10 +119,10 @@ def test_a_joint_turned_round_in_both_columns_is_told_next_to_a_spring(tmp_path,
         return sign * tau
 
     text = bench.record(torque, position=lambda q, k: sign * q).refuse()
-    assert f"give --turn q_j{turned + 1},tau_j{turned + 1};" in text
+    assert "give --turn q_j3,tau_j3;" in text
 
 
-@pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), slow(3, -0.7854), slow(3, 3.14159)])
+@pytest.mark.parametrize(("n", "angle"), [(2, 1.5708), slow(3, -0.7854)])
 def test_gravity_of_a_robot_that_is_mounted_otherwise_is_told_and_taken(tmp_path, n, angle):
     """The recordings are of a chain that hangs; the URDF has its base turned about its y."""
     bench = Bench(tmp_path, n, 2.0)
@@ -161,7 +156,7 @@ def test_another_zero_is_told_though_friction_is_most_of_the_torque(tmp_path):
     assert said is not None and float(said[1]) == pytest.approx(np.pi / 2.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("n", "mass", "friction"), [(2, 2.0, 0.1), (1, 0.4, 1.0), (3, 20.0, 0.6)])
+@pytest.mark.parametrize(("n", "mass", "friction"), [(1, 0.4, 1.0), (3, 20.0, 0.6)])
 def test_torques_without_their_sign_are_told_so(tmp_path, n, mass, friction):
     bench = Bench(tmp_path, n, mass)
     rubs = friction * mass * 0.3 * 9.81
@@ -171,9 +166,7 @@ def test_torques_without_their_sign_are_told_so(tmp_path, n, mass, friction):
     assert f"{said} never negative, as " in bench.refuse()
 
 
-@pytest.mark.parametrize(
-    ("mass", "friction", "lacks"), [(2.0, 0.05, 0.3), (15.0, 0.2, 0.3), slow(0.3, 0.35, 0.2)]
-)
+@pytest.mark.parametrize(("mass", "friction", "lacks"), [(2.0, 0.05, 0.3), slow(0.3, 0.35, 0.2)])
 def test_a_shoulder_that_always_carries_its_load_has_its_sign(tmp_path, mass, friction, lacks):
     """The model lacks a ripple that is much of what the torque varies by."""
     bench, weight = Bench(tmp_path, 1, mass, seconds=20.0), mass * 0.3 * 9.81
@@ -222,7 +215,7 @@ def test_positions_that_count_from_the_start_of_each_run_are_noted(tmp_path, zer
 
 def test_zeros_before_a_recording_begins_are_no_zero_of_its_positions(tmp_path):
     bench, home = Bench(tmp_path, 1, 2.0), 1.4
-    late = np.arange(int(bench.seconds * bench.rate))[:, None] > 100
+    late = np.arange(int(bench.seconds * bench.rate))[:, None] > bench.rate
     bench.record(
         lambda q, v, a, rng, t: late * (2.4 * chain(q + home, v, a, 2.0, 0.3) + rub(v, 4.0, 4.0)),
         position=lambda q, k: late * (q + home),
@@ -245,7 +238,7 @@ def test_torque_of_inertia_alone_has_neither_gravity_nor_friction(tmp_path):
     assert "neither gravity nor friction" in bench.refuse()
 
 
-@pytest.mark.parametrize(("n", "mass"), [(2, 4.0), (3, 0.5), (1, 1.0)])
+@pytest.mark.parametrize(("n", "mass"), [slow(2, 4.0), (1, 1.0)])
 def test_torque_behind_the_gear_is_taken_and_said_to_be(tmp_path, n, mass):
     bench = Bench(tmp_path, n, mass)
     bench.record(torque_of(mass, noise=0.004 * mass))
@@ -255,7 +248,7 @@ def test_torque_behind_the_gear_is_taken_and_said_to_be(tmp_path, n, mass):
     assert set(verdict["torque"].values()) == {"link"} and verdict["verdict"] == []
 
 
-@pytest.mark.parametrize("n", [3, slow(2)])
+@pytest.mark.parametrize("n", [2, slow(3)])
 def test_torque_behind_the_gear_lacks_the_rotors_that_are_declared(tmp_path, n):
     """It is no torque of another size, and its positions are not before a gear."""
     bench = Bench(tmp_path, n, 0.5)
@@ -268,9 +261,7 @@ def test_torque_behind_the_gear_lacks_the_rotors_that_are_declared(tmp_path, n):
     assert not found.problems and len(said) == 1 and "no friction to be seen in this torque" in said[0]
 
 
-@pytest.mark.parametrize(
-    ("n", "ratio", "unit"), [(3, 6.33, 1.0), (2, 9.0, np.pi / 180), slow(3, 36.0, np.pi / 180)]
-)
+@pytest.mark.parametrize(("n", "ratio", "unit"), [slow(3, 6.33, 1.0), (2, 9.0, np.pi / 180)])
 def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
     """Read as the joint's, as motors of a leg's joints are, and as degrees where they go far."""
     bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
@@ -284,7 +275,7 @@ def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
     assert found is not None and float(found[1]) == pytest.approx(1.0 / ratio, rel=0.15)
 
 
-@pytest.mark.parametrize(("n", "mass", "belt"), [(2, 0.6, 1.55), slow(4, 20.0, 3.0), slow(3, 5.0, 0.5)])
+@pytest.mark.parametrize(("n", "mass", "belt"), [(2, 0.6, 1.55), slow(3, 5.0, 0.5)])
 def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_path, n, mass, belt):
     bench, rubs = Bench(tmp_path, n, mass, size=0.5, seconds=20.0), 0.3 * mass
     bench.record(
@@ -297,10 +288,7 @@ def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_pa
     assert torques is not None and float(torques[1]) == pytest.approx(1.0 / belt, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("n", "mass", "factor"),
-    [(3, 2.0, 0.5), (4, 10.0, 2.0), slow(4, 0.5, 0.5), (3, 20.0, 1.0), slow(4, 1.0, 1.0)],
-)
+@pytest.mark.parametrize(("n", "mass", "factor"), [(2, 2.0, 0.5), slow(4, 10.0, 2.0), slow(3, 20.0, 1.0)])
 def test_a_scale_of_positions_is_told_although_a_balancer_is_missing_in_the_model(tmp_path, n, mass, factor):
     bench, weight = Bench(tmp_path, n, mass, size=0.45, seconds=20.0), mass * 0.3 * 9.81
 
@@ -356,7 +344,7 @@ def test_two_joints_do_not_tell_a_factor_of_all_torques_from_a_payload(tmp_path)
     assert "kg heavier than stated" in " ".join(bench.accept())
 
 
-@pytest.mark.parametrize(("n", "factor"), [(2, 2.0), slow(2, 4.0), slow(3, 0.25)])
+@pytest.mark.parametrize(("n", "factor"), [(2, 2.0), slow(3, 0.25)])
 def test_encoders_of_another_resolution_are_told(tmp_path, n, factor):
     bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
     bench.record(torque_of(0.6, 0.1, 0.05, noise=0.01), position=lambda q, k: factor * q)
@@ -385,7 +373,7 @@ def ripple(q, size):
     return size * (np.sin(9.0 * q) + np.cos(13.0 * q))
 
 
-@pytest.mark.parametrize(("n", "size", "delay"), [(2, 1.2, 0.04), (3, 3.0, -0.05), slow(2, 1.2, 0.0)])
+@pytest.mark.parametrize(("n", "size", "delay"), [(2, 1.2, 0.04), slow(3, 3.0, -0.05), slow(2, 1.2, 0.0)])
 def test_a_delay_is_told_although_the_model_lacks_much(tmp_path, n, size, delay):
     """What the ripple leaves is more than what the delay does."""
     bench = Bench(tmp_path, n, size=0.5)
@@ -404,14 +392,14 @@ def test_a_delay_is_told_although_the_model_lacks_much(tmp_path, n, size, delay)
     assert abs(int(told[1]) - 1000 * abs(delay)) <= 8
 
 
-@pytest.mark.parametrize(("n", "lag"), [(2, 0.05), slow(3, 0.08)])
+@pytest.mark.parametrize(("n", "lag"), [(2, 0.05), slow(2, 0.08)])
 def test_torques_behind_a_slow_filter_are_told_as_such(tmp_path, n, lag):
-    bench = Bench(tmp_path, n, size=0.5)
+    bench = Bench(tmp_path, n, size=0.5, rate=100.0)
     bench.frequencies = (0.21, 0.43, 0.77, 1.1)
 
     def torque(q, v, a, rng, t):
         tau = chain(q, v, a, 1.2, 0.3) + rub(v, 0.4, 0.3) + rng.normal(0, 0.05, q.shape)
-        return behind_filter(tau, lag, 0.01)
+        return behind_filter(tau, lag, 1 / bench.rate)
 
     said = bench.record(torque).refuse()
     told = re.search(r"smoothed over about (\d+) ms, as behind a low-pass filter", said)
@@ -459,7 +447,7 @@ def test_a_line_with_several_codes_is_one_that_the_command_takes():
     assert _name_option(told).endswith("give --accept 'clipped tau_a' --accept 'late tau'.")
 
 
-@pytest.mark.parametrize("rates", [(183, 187, 191), slow((95, 100, 104)), (20, 21, 22)])
+@pytest.mark.parametrize("rates", [(183, 187, 191), slow((20, 21, 22))])
 def test_rates_of_one_recorder_are_brought_to_one(tmp_path, rates):
     def clock(k):
         rng = np.random.default_rng(k)
@@ -504,7 +492,7 @@ def test_a_data_set_has_one_unit(tmp_path, far, unit):
 
 
 @pytest.mark.parametrize("toggles", [False, True])
-@pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), slow(1.5e-3, 0.05), slow(8e-5, 0.002)])
+@pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), slow(8e-5, 0.002)])
 def test_a_joint_that_rests_does_not_count(tmp_path, toggles, count, tick):
     bench = Bench(tmp_path, 2, 0.5, size=0.2, rate=50.0)
 
