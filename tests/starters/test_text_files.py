@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.io import savemat
 
 from wearscope.errors import InputError
 from wearscope.starters.columns import find_groups, find_time, match_pattern
@@ -152,17 +153,54 @@ def pack(path, name, text, more=()):
     return path
 
 
-@pytest.mark.parametrize("name", ["a.jsonl", "a.json", "a.npz"])
+@pytest.mark.parametrize("name", ["a.jsonl", "a.json", "a.npz", "a.mat"])
 def test_json_and_arrays_are_tables(name, tmp_path):
     whole = table()
+    tau = whole[["tau_1", "tau_2"]].to_numpy()
+    arrays = {"rate": 100.0, "tau": tau, **{k: whole[k].to_numpy() for k in ("time", "q_1", "q_2")}}
     if name == "a.npz":
-        tau = whole[["tau_1", "tau_2"]].to_numpy()
-        np.savez(tmp_path / name, rate=100.0, tau=tau, **{k: whole[k] for k in ("time", "q_1", "q_2")})
+        np.savez(tmp_path / name, **arrays)
+    elif name == "a.mat":
+        savemat(tmp_path / name, arrays)
     else:
         whole.to_json(tmp_path / name, orient="records", lines=name == "a.jsonl", double_precision=12)
     frame, _ = read_recording(tmp_path / name)
     assert sorted(frame.columns) == sorted(NAMES)
     assert np.allclose(frame[NAMES], whole[NAMES])
+
+
+def test_of_matlab_the_longest_numeric_arrays_are_read(tmp_path):
+    """Structures, samples along either side; what is shorter is told, what is no number is no column."""
+    q = np.linspace(0.0, 1.0, 12).reshape(6, 2)
+    inner = {"q": q.T, "time": np.arange(6.0)[:, None], "robot": {"tool": np.eye(3), "name": "arm"}}
+    savemat(tmp_path / "a.mat", {"run": inner, "z": q[:, 0] * 1j, "tau_test": q[:5]})
+    frame, told = read_recording(tmp_path / "a.mat")
+    assert list(frame.columns) == ["run_q_1", "run_q_2", "run_time"]
+    assert np.array_equal(frame[["run_q_1", "run_q_2"]], q)
+    assert told == ["a.mat: arrays with fewer than 6 samples are left out: run_robot_tool, tau_test."]
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "Mat file appears to be truncated"),
+        (b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "HDF reader for matlab v7.3"),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM\x0e\x00\x00\x00\xff", "could not read bytes"),
+    ],
+)
+def test_a_mat_that_cannot_be_read_says_so(content, reason, tmp_path):
+    (tmp_path / "a.mat").write_bytes(content)
+    with pytest.raises(InputError, match=f"a.mat: cannot be read as a table .*{reason}.*; save it as CSV"):
+        read_recording(tmp_path / "a.mat")
+
+
+def test_a_mat_with_a_structure_without_end_is_refused(tmp_path):
+    savemat(tmp_path / "a.mat", {"run": np.array([{"q": 1.0}] * 3)})
+    content = (tmp_path / "a.mat").read_bytes()
+    shape = np.array([1, 3], dtype="<i4").tobytes()
+    (tmp_path / "a.mat").write_bytes(content.replace(shape, np.array([1, 1 << 24], dtype="<i4").tobytes(), 1))
+    with pytest.raises(InputError, match="a structure has more than 2000 entries"):
+        read_recording(tmp_path / "a.mat")
 
 
 @pytest.mark.parametrize("lines", [True, False])

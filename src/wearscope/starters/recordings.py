@@ -1,11 +1,11 @@
-"""Recordings as tables: text of any separator, JSON, NumPy, Parquet, and ROS 2 bags with joint states."""
+"""Recordings as tables: text, JSON, NumPy, MATLAB, Parquet, and ROS 2 bags with joint states."""
 
 import csv
 import gzip
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any, cast
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.io import loadmat, whosmat
 
 from wearscope import limits
 from wearscope.errors import InputError, escape_text, need
@@ -40,7 +41,10 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 _BAGS = (".mcap", ".db3", ".bag")
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
 _JSON = (".jsonl", ".ndjson", ".json")
+_ARRAYS = (".npz", ".mat")
 _PACKED = (".gz", ".zip")
+#: Classes of MATLAB's variables that hold others.
+_NESTED = ("struct", "cell", "object")
 
 
 def read_recording(
@@ -51,7 +55,7 @@ def read_recording(
     Parameters
     ----------
     path : Path
-        A text, JSON, NumPy or Parquet file, an MCAP file, or the folder of a ROS 2 bag.
+        A text, JSON, NumPy, MATLAB or Parquet file, an MCAP file, or the folder of a ROS 2 bag.
     topic : str, optional
         Of the joint states in a bag; the one with most messages where left out.
     columns : sequence of str, optional
@@ -122,14 +126,15 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
                     return _read(inner, topic, columns)
                 except InputError as error:
                     raise InputError(str(error).replace(str(inner), str(path))) from None
-        if kind in (*_TEXT, *_JSON, ".npz"):
+        if kind in (*_TEXT, *_JSON, *_ARRAYS):
             check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
         if kind in _TEXT:
             return read_text(path, columns)
         if kind in _JSON:
             return pd.read_json(path, lines=kind != ".json", dtype=False), []
-        if kind == ".npz":
-            return _read_arrays(path), []
+        if kind in _ARRAYS:
+            arrays, notes = _load_named(path) if kind == ".npz" else _load_matlab(path)
+            return _number_columns(arrays), notes
     except (InputError, MemoryError):
         raise
     except (*_BROKEN, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
@@ -139,21 +144,52 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(
         f"{path}: is no recording that is known; give {', '.join(_TEXT)} (or one of them as "
-        f"{' or '.join(_PACKED)}), {', '.join(_JSON)}, .npz, .parquet, .mcap or "
+        f"{' or '.join(_PACKED)}), {', '.join((*_JSON, *_ARRAYS))}, .parquet, .mcap or "
         "a bag; save another kind as CSV."
     )
 
 
-def _read_arrays(path: Path) -> pd.DataFrame:
-    """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
-    columns: dict[str, np.ndarray] = {}
+def _load_named(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Arrays of an ``.npz`` by their names, and no notes."""
     loaded = np.load(path, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
     with loaded as arrays:
-        for name, x in arrays.items():
-            many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
-            columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
+        return dict(arrays.items()), []
+
+
+def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Longest numeric arrays of a ``.mat``, samples first, and a note on the others.
+
+    An array in a structure has the names of both.
+    """
+    found: dict[str, np.ndarray] = {}
+    try:
+        if any(kind in _NESTED and np.prod(shape) > limits.COLUMNS for _, shape, kind in whosmat(path)):
+            raise ValueError(f"a structure has more than {limits.COLUMNS} entries")
+        left: list[tuple[str, Any]] = [("", loadmat(path, simplify_cells=True))]
+    except MemoryError:
+        raise
+    except Exception as error:  # the reader raises many kinds of errors on a broken file
+        raise ValueError(str(error)) from error
+    while left:
+        name, x = left.pop()
+        if isinstance(x, Mapping):
+            left += [(f"{name}_{key}".lstrip("_"), one) for key, one in reversed(list(x.items()))]
+        elif isinstance(x, np.ndarray) and x.dtype.kind in "biuf":
+            found[name] = x.T if x.ndim == 2 and x.shape[0] < x.shape[1] else x
+    longest = max(map(len, found.values()), default=0)
+    others = [name for name, x in found.items() if len(x) < longest]
+    told = f"{path.name}: arrays with fewer than {longest} samples are left out: {', '.join(others)}."
+    return {name: x for name, x in found.items() if name not in others}, [told] * bool(others)
+
+
+def _number_columns(arrays: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
+    columns: dict[str, np.ndarray] = {}
+    for name, x in arrays.items():
+        many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
+        columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
     return pd.DataFrame(columns)
 
 
