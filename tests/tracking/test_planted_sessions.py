@@ -105,6 +105,19 @@ def test_what_is_larger_than_the_smallest_visible_change_is_seen(arm, joint, tmp
     assert body["ci95"][0] <= mass <= body["ci95"][1]
 
 
+@pytest.mark.parametrize(("arm", "joint"), [(SMALL, 0), (LARGE, 1)])
+def test_friction_that_differs_as_between_healthy_sessions_is_no_change(arm, joint, tmp_path):
+    """No temperature is recorded: what it does is in the differences of the healthy sessions."""
+    shares = (0.05, -0.04, 0.01, -0.02)
+    healthy = {name: {"friction": 1.0 + share} for name, share in zip("abco", shares, strict=True)}
+    worn = np.ones(len(arm.joints))
+    worn[joint] = 1.4
+    told = tell(tmp_path, arm, {"d": {"friction": 1.06}, "e": {"friction": worn}}, healthy)
+    calm, changed = told["sessions"]
+    assert calm["changes"] == [] and calm["cannot_tell"] == []
+    assert any(f"friction of {arm.joints[joint]} changed by" in text for text in changed["cannot_tell"])
+
+
 def test_check_refuses_a_session_that_stands_as_track_does(tmp_path):
     folder = write_planar(tmp_path / "arm", PENDULUM, {"a": {}, "b": {}, "c": {}, "d": {}}, 2)
     assert check_dataset(folder).problems == []

@@ -151,8 +151,10 @@ def identify_reference(
         sessions = replace(sessions, reference=rest)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
-    plain = [Evidence(structure, (), h.belief, payload_prior, h.made) for h in healthy]
-    scatter = measure_scatter(structure, plain, [h.made for h in healthy])
+    # What a temperature that nobody recorded does is part of how healthy sessions differ.
+    rows = [[replace(r, unrecorded=r.unrecorded[..., :0]) for r in h.made] for h in healthy]
+    plain = [Evidence(structure, (), h.belief, payload_prior, m) for h, m in zip(healthy, rows, strict=True)]
+    scatter = measure_scatter(structure, plain, rows)
     body = made[0].signals.rigid_body
     origins = body.joint_origins(np.zeros((1, structure.n)))[0]
     parameters = body.inertial_parameters.reshape(-1, 10)
