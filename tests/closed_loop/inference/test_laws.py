@@ -24,13 +24,12 @@ def eyring(level, speed):
 
 @pytest.mark.parametrize(
     ("level", "speed", "seed"),
-    [(8.0, 0.15, 0), (15.0, 0.15, 2), (15.0, 0.4, 3), (2.0, 0.1, 0), (3.0, 0.2, 0)],
+    [(8.0, 0.15, 0), (15.0, 0.15, 2), (15.0, 0.4, 3), (2.0, 0.1, 0)],
     ids=[
         "hidden by a wide reversal",
         "a Stribeck curve and a wide reversal",
         "hidden, large",
         "hidden but for a twentieth",
-        "hidden but for a tenth",
     ],
 )
 def test_a_law_of_another_form_that_rises_smoothly_from_rest_is_concave(record, level, speed, seed):

@@ -18,11 +18,10 @@ PLANS = (
 CLOSE = "import sys; from wearscope.closed_loop.run import close_loop; close_loop(*sys.argv[1:], light=True)"
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_a_slide_gets_the_same_answer_whatever_the_kernels_round(tmp_path, seed):
+def test_a_slide_gets_the_same_answer_whatever_the_kernels_round(tmp_path):
     """Its rigid body and its drive's inertia are the same column, where rounding once chose the reversal."""
     planted = [Planted("viscous_asymmetry", "slide", 4.0)]
-    generate_dataset(tmp_path / "d1", "stage", planted, seed, Recipe(duration=8.0, plans=PLANS))
+    generate_dataset(tmp_path / "d1", "stage", planted, 3, Recipe(duration=8.0, plans=PLANS))
     found = {}
     for kernel in ("Haswell", "Nehalem"):
         # Kernels of a BLAS that chooses them by the processor; elsewhere the same ones are asked twice.

@@ -9,18 +9,17 @@ from planar_sessions import RATE, Planar, describe_arm
 
 from wearscope.checking.dataset import check_dataset
 
-LINKS = [(0.4, 6.0), (0.35, 4.0), (0.2, 1.5), (0.12, 0.8)]
+LINKS = [(0.4, 6.0), (0.35, 4.0)]
 SIDEWAYS = [0.0, 9.81, 0.0]
 
 
-@pytest.mark.parametrize(("seed", "size", "off"), [(1, 1.0, 0.2), (4, 0.7, 0.2), (5, 1.0, 0.3)])
+@pytest.mark.parametrize(("seed", "size", "off"), [(1, 1.0, 0.2), (5, 1.0, 0.3)])
 def test_a_very_soft_gear_is_no_wrong_column(tmp_path, seed, size, off):
     """Joint 1 turns about the vertical; its motor's position is recorded, and masses are off."""
     rng = np.random.default_rng(seed)
     links = [(size * length, mass) for length, mass in LINKS]
     arm = Planar(
-        links, [3.0, 2.5, 1.0, 0.8], [2.0, 1.5, 0.6, 0.5], 0.0,
-        [-0.7, 0.5, 0.3, 0.2], 0.3, (0.11, 0.17, 0.29, 0.41), seconds=14.0,
+        links, [3.0, 2.5], [2.0, 1.5], 0.0, [-0.7, 0.5], 0.3, (0.11, 0.17, 0.29, 0.41), seconds=14.0,
     )  # fmt: skip
     arm.model.gravity.linear[:] = SIDEWAYS
     data, files = arm.model.createData(), []
@@ -41,8 +40,8 @@ def test_a_very_soft_gear_is_no_wrong_column(tmp_path, seed, size, off):
         pd.DataFrame({"t": arm.t} | columns).to_parquet(tmp_path / "runs" / f"r{k}.parquet")
         files.append({"file": f"runs/r{k}.parquet", "use": "test" if k == 2 else "train"})
     lengths, masses = zip(*links, strict=True)
-    stated = np.array(masses) * (1.0 + rng.uniform(-off, off, 4))
-    (tmp_path / "robot.urdf").write_text(describe_arm(lengths, stated, ["0 1 0"] * 4, raised=0.0))
+    stated = np.array(masses) * (1.0 + rng.uniform(-off, off, len(links)))
+    (tmp_path / "robot.urdf").write_text(describe_arm(lengths, stated, ["0 1 0"] * len(links), raised=0.0))
     fields = {
         "name": "soft",
         "robot": {"urdf": "robot.urdf", "joints": arm.joints, "gravity": SIDEWAYS, "inertials": "trusted"},
