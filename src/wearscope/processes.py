@@ -6,6 +6,7 @@ import resource
 import select
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, suppress
@@ -79,6 +80,20 @@ def ignore_settings_here() -> None:
     """
     if _Elsewhere not in sys.meta_path:
         sys.meta_path.insert(0, _Elsewhere)
+
+
+def keep_compiled() -> None:
+    """Keep compiled functions for this process and its children alone where no lasting place can be written.
+
+    Numba keeps them next to their module, else in the user's cache, and refuses to start without either.
+    """
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    there = next((one for one in (cache, *cache.parents) if os.path.exists(one)), cache)
+    lasting = any(os.access(one, os.W_OK | os.X_OK) for one in (Path(__file__).parent, there))
+    if not lasting and "NUMBA_CACHE_DIR" not in os.environ:
+        made = tempfile.TemporaryDirectory(prefix="wearscope-compiled-")
+        atexit.register(made.cleanup)
+        os.environ["NUMBA_CACHE_DIR"] = made.name
 
 
 @contextmanager

@@ -121,3 +121,20 @@ def test_an_archive_answers_as_its_folder_does(tmp_path):
     pack_study(tmp_path / "a.tar", side, [side / "ranking.parquet"], config, [])
     said = call("compare", side, tmp_path / "a.tar").output
     assert "Friction fit (C) has the highest median SNR in both." in said and "n/a" not in said
+
+
+@pytest.mark.parametrize("odd", [pd.Timestamp("2024-02-28"), pd.Timedelta("1s"), "x"])
+def test_conclusions_of_another_kind_are_told_by_none(tmp_path, odd):
+    """A date formats as anything, and is true: neither a rank nor a passed audit is read from it."""
+    whole = write_study(tmp_path / "a", {"A": 2.0})
+    for name, column in (("ranking", "rank_low"), ("audit_verdicts", "passes_direct")):
+        place = write_study(tmp_path / name, {"A": 2.0})
+        keys = {"robot": "r", "cycle": "c", "axis": 2, "fda": "A", "factor": "w3", "agrees": True}
+        rows = (
+            {"fda": ["A"], "rank": [1], "rank_high": [1]}
+            if name == "ranking"
+            else {k: [v] for k, v in keys.items()}
+        )
+        tables.write_table(place / f"{name}.parquet", pd.DataFrame({**rows, column: pd.Series([odd])}))
+        with pytest.raises(InputError, match=f"{name}.parquet: a row holds no"):
+            call("compare", whole, place)

@@ -1,11 +1,15 @@
 """Places that the system refuses, streams that are closed and memory that runs out end in a sentence."""
 
+import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hostile.samples import write_dataset, write_loop, write_robot, write_shown
+
+from wearscope import processes
 
 COMMAND = (sys.executable, "-P", "-m", "wearscope")
 
@@ -95,3 +99,40 @@ def test_memory_that_runs_out_is_told(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main.main()
     assert end.value.code == 1 and capsys.readouterr().err.startswith("memory ran out; free some")
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.EAGAIN])
+def test_what_the_system_runs_short_of_is_told(number, monkeypatch, capsys):
+    """Such errors name no file."""
+    from wearscope.cli import main
+
+    def fail(**given):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(main, "wearscope", fail)
+    monkeypatch.setattr(sys, "argv", ["wearscope"])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 1
+    assert capsys.readouterr().err.startswith(f"{os.strerror(number)}; raise the limit of ")
+
+
+@pytest.mark.parametrize("lasting", [[], ["package"], ["cache"]])
+def test_functions_are_compiled_where_no_lasting_place_can_be_written(lasting, tmp_path, monkeypatch):
+    """As another user who has no home, in a container for example."""
+    (tmp_path / "home").mkdir()
+    places = {"package": Path(processes.__file__).parent, "cache": tmp_path / "home"}
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home" / "none" / "yet"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(processes.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(processes.os, "access", lambda place, mode: place in [places[one] for one in lasting])
+    left = []
+    monkeypatch.setattr(processes.atexit, "register", left.append)
+    processes.keep_compiled()
+    made = os.environ.get("NUMBA_CACHE_DIR")
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    assert (made is None) == bool(lasting) and len(left) == (not lasting)
+    if made:
+        assert Path(made).stat().st_mode & 0o777 == 0o700 and Path(made).parent == tmp_path
+        left[0]()
+        assert not Path(made).exists()

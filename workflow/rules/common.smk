@@ -21,11 +21,20 @@ if os.path.isdir(SRC):
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
-from wearscope.processes import MAIN, STARTER, end_with, identify_process, ignore_settings_here, isolate
+from wearscope.processes import (
+    MAIN,
+    STARTER,
+    end_with,
+    identify_process,
+    ignore_settings_here,
+    isolate,
+    keep_compiled,
+)
 
 # No job runs or obeys what lies in the working directory, which may be a data set.
 ignore_settings_here()
 os.environ.update(isolate(os.environ))
+keep_compiled()
 
 from wearscope.cli.study import read_yaml
 from wearscope.cli.workflow import wait_turn

@@ -19,12 +19,19 @@ from wearscope.storage.verdicts import check_verdict
 def _tell_rank(row: Mapping[str, Any]) -> str:
     if pd.isna(row["rank"]):
         return "upper bound"
-    return f"rank {row['rank']:g} ({row['rank_low']:g} to {row['rank_high']:g})"
+    ends = (
+        float(row[one]) for one in ("rank", "rank_low", "rank_high")
+    )  # no date, which formats as anything
+    return "rank {:g} ({:g} to {:g})".format(*ends)
+
+
+#: Who says so, by whether both do.
+_AGREEING = {True: "simulation and surrogate", False: "simulation alone"}
 
 
 def _tell_audit(row: Mapping[str, Any]) -> str:
-    passes = "passes" if row["passes_direct"] else "fails"
-    return f"{passes} by {'simulation and surrogate' if row['agrees'] else 'simulation alone'}"
+    passes = {True: "passes", False: "fails"}[row["passes_direct"]]
+    return f"{passes} by {_AGREEING[row['agrees']]}"
 
 
 #: Table of conclusions, columns that identify one, columns that state it, and its wording.
@@ -174,7 +181,7 @@ def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Ite
         for row in table[[*keys, *says]].to_dict("records"):
             try:
                 said = tell(row)
-            except (TypeError, ValueError):
+            except (KeyError, TypeError, ValueError):
                 told = f"{content.path}: {name}: a row holds no {' or '.join(says)}"
                 raise InputError(f"{told}; run the study again.") from None
             named = {key: str(row[key]) for key in keys}

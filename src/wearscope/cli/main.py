@@ -1,5 +1,6 @@
 """The command's tree. A command's modules are imported when it runs, so that help comes at once."""
 
+import errno
 import importlib
 import os
 import sys
@@ -10,13 +11,20 @@ import click
 
 from wearscope.cli.progress import say
 from wearscope.errors import InputError
-from wearscope.processes import end_process, ignore_settings_here, isolate, open_standard
+from wearscope.processes import end_process, ignore_settings_here, isolate, keep_compiled, open_standard
 from wearscope.storage.files import FULL, explain_unwritten
 
 # Arrow's own memory pool reserves a gigabyte, which would hide how much memory reading a file takes from
 # `processes.bound_memory`.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
+#: What of the system may run short, and the remedy.
+LIMITS = {
+    errno.EMFILE: "raise the limit of open files (ulimit -n)",
+    errno.ENFILE: "end other programs",
+    errno.EAGAIN: "raise the limit of processes (ulimit -u), or end other programs",
+    errno.ENOMEM: "free some memory, or raise its limit (ulimit -v)",
+}
 #: Where each command is: module of `wearscope.cli` and name in it.
 COMMANDS = {
     "new": "new:new",
@@ -90,6 +98,7 @@ def main() -> None:
     open_standard()
     os.environ.update(isolate(os.environ))
     ignore_settings_here()
+    keep_compiled()
     try:
         _check_words()
         wearscope(prog_name="wearscope")
@@ -105,6 +114,8 @@ def main() -> None:
         place = error.filename2 or error.filename
         if error.errno in FULL:
             _end(str(explain_unwritten(place or os.getcwd(), error)))
+        elif error.errno in LIMITS:
+            _end(f"{error.strerror}; {LIMITS[error.errno]}.")
         elif place is None:
             raise
         _end(f"{place}: {error.strerror}; choose another place, or correct its rights.")

@@ -93,6 +93,8 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
             )
             raise InputError(f"{path}: column '{name[:30]}' {told}; rename it, or leave it out.")
         x = frame.iloc[:, k]
+        if isinstance(x.dtype, pd.CategoricalDtype):  # a dictionary of values, and which of them is where
+            x = pd.Series(np.asarray(x), frame.index)
         if isinstance(x.dtype, np.dtype) and x.dtype.kind in "iuf":
             x = x.astype(np.float64 if x.dtype.kind == "f" else x.dtype.newbyteorder("="))
         elif x.dtype.kind in "cV" or x.map(_is_deep).any():
