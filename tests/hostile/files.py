@@ -47,6 +47,23 @@ def spoil_urdf(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         "latin-1": text.replace("one", "ünë"),
         "prismatic": text.replace("revolute", "prismatic"),
         "continuous": text.replace("revolute", "continuous"),
+        "a stated encoding": f'<?xml version="1.0" encoding="{draw.choice(["utf-16", "utf-7", "cp037", "none", "ISO-8859-1"])}"?>' + text,
+        "an instruction": "<?xml-stylesheet href='file:///etc/passwd'?>" + text,
+        "a namespace": text.replace("<robot", '<robot xmlns="http://x/y"', 1),
+        "capitals": text.replace("<joint", "<Joint").replace("</joint", "</Joint"),
+        "text between": text.replace("<link", "some text <![CDATA[<link/>]]> <link"),
+        "an attribute twice": text.replace('value="4"', 'value="4" value="5"'),
+        "many attributes": text.replace("<robot", "<robot " + " ".join(f'a{k}="1"' for k in range(50_000)), 1),
+        "an axis of zero": text.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'),
+        "limits that cross": text.replace('lower="-2" upper="2"', 'lower="2" upper="-2"'),
+        "a negative mass": text.replace('value="2"', 'value="-2"'),
+        "an inertia that no body has": text.replace('ixx="0.2"', 'ixx="2000"'),
+        "a turn without end": text.replace('<origin xyz="0 0 0.3"/>', '<origin xyz="0 0 0.3" rpy="1e300 -1e17 1e9"/>'),
+        "names that look alike": text.replace('"j2"', '"\u2170"').replace('"j1"', '"\u0456"'),
+        "blanks around names": text.replace('"j1"', '" j1 "'),
+        "mimics in a ring": text.replace("<limit", '<mimic joint="j2"/><limit', 1).replace('"j2" type="revolute">', '"j2" type="revolute"><mimic joint="j1"/>'),
+        "two roots": text.replace("</robot>", '<link name="alone"/></robot>'),
+        "parts of a simulator": text.replace("</robot>", "<gazebo><plugin filename='x.so'/></gazebo><transmission name='t'/></robot>"),
     }  # fmt: skip
     if how < 0.8:
         what = draw.choice(list(ways))
@@ -98,6 +115,12 @@ def spoil_archive(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         members[k] = (members[k][0], made)
         if draw.random() < 0.8:
             sign(members)
+    elif how < 0.63:
+        odd = ("VERDICT.json", "verdict.json/", "e\u0301.json", "\u00e9.json")
+        again = draw.choice([*(name for name, _ in members), *odd])
+        members.append((again, b"other"))
+        told = f"{again!a} too"
+        sign(members)
     elif how < 0.65:
         manifest = json.loads(members[0][1])
         manifest |= {"study": draw.choice(["closed_loop", "tracking", "archive", "tiny", "."])}
@@ -121,6 +144,8 @@ def spoil_archive(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         for i, (name, one) in enumerate(members):
             member = tarfile.TarInfo(name)
             member.size = len(one)
+            member.mtime = draw.choice([0, 0, -1, 2**33]) if how < 0.6 else 0
+            member.mode = draw.choice([0o644, 0o6777, 0])
             if how > 0.8 and i == k and not suffix:
                 member.type, member.linkname, member.size = (
                     draw.choice([b"1", b"2", b"3", b"5", b"6"]),

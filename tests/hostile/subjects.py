@@ -5,10 +5,12 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import rmtree
 
+from hostile.bags import write_bag, write_odd_bag
 from hostile.files import spoil_archive, spoil_code, spoil_place, spoil_urdf
 from hostile.recordings import write_odd_recording
-from hostile.runner import RAN
+from hostile.runner import AROUND, RAN
 from hostile.samples import (
     write_archive,
     write_dataset,
@@ -115,6 +117,10 @@ SUBJECTS = {
         _write(set=write_lerobot, arm=write_robot), ("set/meta/info.json", "set/data/a.parquet"),
         "new dataset set --urdf arm/robot.urdf --name made", ("made",),
     ),
+    "bag": Subject(
+        lambda f: (write_robot(f / "arm"), write_bag(f / "bag")), ("arm/robot.urdf",),
+        (*"new dataset bag --urdf arm/robot.urdf --name made --accept".split(), "unrelated tau"), ("made",),
+    ),
     "verify": Subject(_ARCHIVE, ("a.tar",), "archive verify a.tar"),
     "unpack": Subject(_ARCHIVE, ("a.tar",), "archive unpack a.tar made", ("made",)),
     "restore": Subject(_ARCHIVE, ("a.tar",), "archive restore a.tar .", ("results",)),
@@ -150,6 +156,7 @@ class Case:
     told: str
     arguments: tuple[str, ...]
     made: tuple[str, ...]
+    around: str = ""
 
 
 def make_case(name: str, number: int, folder: Path) -> Case:
@@ -164,6 +171,12 @@ def make_case(name: str, number: int, folder: Path) -> Case:
         return Case(
             told, (*words, *draw.choice([(), (), ("--time-unit", unit), ("--rate", "100")])), subject.made
         )
+    if draw.random() < 0.08:
+        around = draw.choice(list(AROUND))
+        return Case(around, subject.arguments, subject.made, around)
+    if name == "bag":
+        rmtree(folder / "bag")
+        return Case(write_odd_bag(folder, draw), subject.arguments, subject.made)
     path = folder / draw.choice(subject.files)
     if draw.random() < 0.08:
         told = spoil_place(path, draw)

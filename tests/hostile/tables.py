@@ -89,10 +89,24 @@ def spoil_parquet(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         "a hole": pa.array([None if i == 5 else 1.0 for i in range(n)]),
         "times": pa.array([1] * n, pa.time64("us")),
         "half": pa.array(np.ones(n, dtype=np.float16)),
+        "whole numbers beyond": pa.array([2**64 - 1] * n, pa.uint64()),
+        "durations": pa.array([1] * n, pa.duration("ns")),
+        "wide decimals": pa.array([1] * n, pa.decimal256(70, 2)),
+        "maps": pa.array([[("a", 1.0)]] * n, pa.map_(pa.string(), pa.float64())),
+        "lists of lists": pa.array([[[1.0]]] * n),
+        "empty lists": pa.array([[]] * n, pa.list_(pa.float64())),
+        "lists of a size": pa.array([[1.0, 2.0]] * n, pa.list_(pa.float64(), 2)),
+        "dates of far away": pa.array([2**62] * n, pa.timestamp("us")),
+        "days": pa.array([1] * n, pa.date32()),
+        "long text": pa.array(["x" * 3000] * n, pa.large_string()),
+        "a dictionary of numbers": pa.array([1.5] * n).dictionary_encode(),
+        "bytes of a size": pa.array([b"1234"] * n, pa.binary(4)),
     }
-    what = draw.choice(
-        [*kinds, "no rows", "gone", "twice", "odd names", "bomb", "odd pandas", "wide", "nested names"]
-    )
+    more = [
+        "no rows", "gone", "twice", "odd names", "bomb", "odd pandas", "wide", "nested names", "odd units",
+        "an odd schema", "no columns", "groups of a row", "a long comment",
+    ]  # fmt: skip
+    what = draw.choice([*kinds, *more])
     out = io.BytesIO()
     if what in kinds:
         table = table.set_column(k, name, kinds[what])
@@ -115,11 +129,22 @@ def spoil_parquet(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         table = pa.table({f"c{i}": pa.array([1.0]) for i in range(4000)})
     elif what == "nested names":
         table = table.append_column("a.b", table[name])
+    elif what == "odd units":
+        field = pa.field(name, table.schema.field(name).type, metadata={b"unit": b"\x1b[2J\xff"})
+        table = table.set_column(k, field, table[name])
+    elif what == "an odd schema":
+        table = table.replace_schema_metadata(
+            {b"ARROW:schema": b"AAAA", b"wearscope": b"{", b"\xff": b"\xfe"}
+        )
+    elif what == "no columns":
+        table = table.select([])
+    elif what == "a long comment":
+        table = table.replace_schema_metadata({b"a": b"x" * 30_000_000})
     if what == "bomb":
         with pq.ParquetWriter(out, pa.schema([("t", pa.float64())])) as writer:
             zeros = pa.table({"t": pa.array(np.zeros(5_000_000))})
             for _ in range(60):
                 writer.write_table(zeros)
     else:
-        pq.write_table(table, out)
+        pq.write_table(table, out, row_group_size=1 if what == "groups of a row" else None)
     return out.getvalue(), f"{what} at {name}"

@@ -26,6 +26,7 @@ SLOWER = (
     "history",
     "lerobot",
     "new dataset",
+    "bag",
     "new robot",
 )
 
@@ -54,7 +55,8 @@ def test_no_input_runs_code_hangs_or_ends_in_a_traceback(run, name, count, tmp_p
         folder = tmp_path / str(number) / "here"
         folder.mkdir(parents=True)
         case = hostile.make_case(name, number, folder)
-        if told := hostile.judge(case.made, run(case.arguments, folder), folder):
+        outcome = run(case.arguments, folder, case.around)
+        if told := hostile.judge(case.made, outcome, folder, case.around):
             wrong.append(f"{number}: {case.told}: {told}")
     assert not wrong, "\n".join(wrong)
 
