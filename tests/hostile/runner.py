@@ -37,7 +37,7 @@ AROUND: dict[str, Callable[[], object]] = {
     "few open files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (10, 10)),
     "small files only": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)),
     "a full output": lambda: os.dup2(os.open("/dev/full", os.O_WRONLY), 1),
-    "a closed output": lambda: os.close(1),
+    "a closed output": lambda: (os.close(1), setattr(sys, "stdout", None)),  # as Python starts with one
     "no home": lambda: os.environ.update(HOME="/proc/none", XDG_STATE_HOME="/proc/none/state"),
     "no temporary folder": lambda: os.environ.update(TMPDIR="/proc/none"),
     "plain letters only": lambda: sys.stdout.reconfigure(encoding="ascii"),
@@ -162,7 +162,7 @@ def act(arguments: list[str], folder: str, said: Path, around: str) -> None:
 
         traceback.print_exc()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):
+        with suppress(AttributeError, OSError, ValueError):
             stream.flush()
     os._exit(code)
 
