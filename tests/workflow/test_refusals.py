@@ -22,14 +22,25 @@ def refuse(folder: Path, config: dict, *words: str, target: str = "check") -> st
     return lines[0]
 
 
-def test_unknown_robot_is_told(clone, bad):
-    bad["robots"] = ["huge"]
-    refuse(clone, bad, "robots", "huge", "medium")
+FACTORS = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())["factors"]
+COLD = FACTORS | {"w3": FACTORS["w3"] | {"range": [10, 70]}}
+OPTION = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
+UNESTIMABLE = {"kind": "full_factorial", "levels": 2}
 
 
-def test_temperature_below_the_friction_law_is_told(clone, bad):
-    bad["factors"]["w3"] = {**bad["factors"]["w3"], "range": [10, 70]}
-    refuse(clone, bad, "w3", "10", "axis_1")
+@pytest.mark.parametrize(
+    ("target", "change", "words"),
+    [
+        ("check", {"robots": ["huge"]}, ("robots", "huge", "medium")),
+        ("check", {"factors": COLD}, ("w3", "10", "axis_1")),
+        ("design", {"design": UNESTIMABLE}, ("model 'full'", "aliased")),
+        ("check", {"detectors": {"A": "residual_enrgy"}}, ("residual_enrgy", "residual_energy")),
+        ("check", {"detectors": OPTION}, ("torque_change.py", "fail_abov")),
+    ],
+    ids=["unknown robot", "too cold", "unestimable design", "unknown detector", "unknown option"],
+)
+def test_a_setting_that_is_wrong_is_told(clone, bad, target, change, words):
+    refuse(clone, bad | change, *words, target=target)
 
 
 @pytest.mark.slow
@@ -58,24 +69,6 @@ def test_urdf_without_inertia_is_told(clone, bad):
     urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), count=3, flags=re.DOTALL))
     bad["robots"] = ["light"]
     refuse(clone, bad, "robot.urdf", "inerti")
-
-
-@pytest.mark.slow
-def test_unestimable_design_is_told(clone, bad):
-    bad["design"] = {"kind": "full_factorial", "levels": 2}
-    refuse(clone, bad, "model 'full'", "aliased", target="design")
-
-
-@pytest.mark.slow
-def test_unknown_detector_is_told(clone, bad):
-    bad["detectors"] = {"A": "residual_enrgy"}
-    refuse(clone, bad, "residual_enrgy", "residual_energy")
-
-
-@pytest.mark.slow
-def test_refused_detector_option_is_told(clone, bad):
-    bad["detectors"] = {"own": {"use": f"{TINY}/torque_change.py", "options": {"fail_abov": 1}}}
-    refuse(clone, bad, "torque_change.py", "fail_abov")
 
 
 def test_a_setting_that_stands_twice_is_told(clone):
