@@ -4,7 +4,7 @@ import pytest
 
 from wearscope.evaluation.recommendation import RESAMPLINGS, recommend
 
-CELLS = [("r", f"c{k}", axis) for k in range(4) for axis in (1, 2, 3)]
+CELLS = [("r", f"c{k}", axis) for k in range(2) for axis in (1, 2, 3)]
 
 
 def make_snr(medians, spread=0.05, cells=CELLS, seed=0):
