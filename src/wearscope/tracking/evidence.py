@@ -32,6 +32,8 @@ _PRIOR = (PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_TORQUE, PRIOR_TO
 #: Rows beyond which more say nothing of a form that is not exact; share of a session's change, mean square,
 #: that no form follows; parts that are held out.
 _MOST_ROWS, _FORM, _FOLDS = 250.0, 1e-4, 5
+#: Rounds in which the scatter of healthy sessions is estimated.
+_ROUNDS = 30
 #: False-alarm rate of a session, over all joints and changes.
 FALSE_ALARM_RATE = 0.01
 #: Nats that tell one explanation from another: 20 to 1.
@@ -319,6 +321,9 @@ def measure_scatter(
 ) -> np.ndarray:
     """Standard deviation of each of `scatter_columns` between healthy sessions, each against the others.
 
+    By expectation and maximisation: what the columns may explain of a session is shared by their present
+    scatter, and by the error of the others' prediction (Dempster, Laird and Rubin 1977, JRSS B 39).
+
     Parameters
     ----------
     structure : Structure
@@ -328,18 +333,23 @@ def measure_scatter(
         Rows of each.
     """
     prior = prior_scatter(structure)
-    square = np.zeros_like(prior)
+    sums = []
     for evidence, rows in zip(healthy, made, strict=True):
-        x = np.concatenate([scatter_columns(structure, r) for r in rows])
-        left = evidence.fit(()).left * evidence.keep
-        for k, j in enumerate(np.repeat(structure.moving, len(_PRIOR))):
-            d = x[:, j, k] * evidence.keep[:, j]
-            size = max(float(d @ d), 1e-300)
-            noise = float(left[:, j] @ left[:, j]) / evidence.count[j] / size
-            square[k] += max(
-                (float(d @ left[:, j]) / size) ** 2 - noise * evidence.design(d * left[:, j]), 0.0
-            )
-    return np.asarray(np.sqrt((_PRIOR_SESSIONS * prior**2 + square) / (_PRIOR_SESSIONS + len(healthy))))
+        found = np.concatenate([scatter_columns(structure, r) for r in rows]) * evidence.keep[:, :, None]
+        x = np.concatenate([found, evidence.random], axis=2)
+        weighted = x / structure.scales.noise[:, None] ** 2
+        gram = np.einsum("rjp,rjq->pq", weighted, x, optimize=True)
+        sums.append((gram, np.einsum("rjp,rj->p", weighted, evidence.y)))
+    scatter = prior
+    for _ in range(_ROUNDS):
+        square = _PRIOR_SESSIONS * prior**2
+        for gram, score in sums:
+            precision = np.ones(len(score))
+            precision[: len(prior)] = scatter**-2
+            inverse = invert(gram + np.diag(precision))
+            square += ((inverse @ score) ** 2 + np.diag(inverse))[: len(prior)]
+        scatter = np.sqrt(square / (_PRIOR_SESSIONS + len(sums)))
+    return np.asarray(scatter)
 
 
 def invert(matrix: np.ndarray) -> np.ndarray:
