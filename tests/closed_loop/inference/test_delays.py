@@ -38,7 +38,8 @@ def test_what_counts_is_restricted_at_one_joint_alone(record, pose):
 
 @pytest.mark.parametrize("delay", [0.004, 0.012])
 def test_a_true_delay_is_named(record, delay):
-    verdict = diagnose(record(planted=[(0, "time_delay", {"delay": delay})], seed=4)).verdict["verdict"]
+    planted = [(0, "time_delay", {"delay": delay})]
+    verdict = diagnose(record(planted, seed=4, runs=4, duration=8.0)).verdict["verdict"]
     assert [(e["joint"], e["effect"]) for e in verdict] == [("a", "time_delay")]
     low, high = verdict[0]["parameters"]["delay"]["ci95"]
     assert low <= delay <= high

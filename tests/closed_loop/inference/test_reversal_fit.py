@@ -59,13 +59,11 @@ def test_a_reversal_at_once_stays_one(record, pose, declared_model):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, pose, form):
+def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, form):
     folder = record(noise=0.05, extra_torque=soften(form), seed=5, declared=("rigid_body", "rotor_inertia"))
-    assert (
-        find_terms(pose(folder), Policy()).problem.prepared.reversals.form.tolist()
-        == [list(FORMS).index(form)] * 2
-    )
-    stated = {(e["joint"], e["effect"]): e["parameters"] for e in diagnose(folder).verdict["verdict"]}
+    found = diagnose(folder)
+    assert found.prepared.reversals.form.tolist() == [list(FORMS).index(form)] * 2
+    stated = {(e["joint"], e["effect"]): e["parameters"] for e in found.verdict["verdict"]}
     for joint, level in (("a", 6.0), ("b", 3.0)):
         low, high = stated[joint, "coulomb"]["level"]["ci95"]
         assert low <= level <= high

