@@ -199,6 +199,15 @@ def test_it_prints(browser, file):
         assert content.startswith(b"%PDF") and content.count(b"/Type /Page\n") < 30
 
 
+@pytest.mark.parametrize("width, height", [(718, 1047), (739, 979)], ids=["A4", "letter"])
+def test_the_answer_prints_on_one_page(browser, file, width, height):
+    """Width and height [px] within a browser's margins."""
+    with open_page(browser, file, width) as page:
+        page.emulate_media(media="print")
+        end = page.evaluate("document.querySelector('.cards').getBoundingClientRect().bottom + scrollY")
+        assert 500 < end <= height
+
+
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory):
     """Folder of a loop made by hand, with its page."""
