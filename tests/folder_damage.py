@@ -111,54 +111,6 @@ def _factor(prefix: str, factor: float) -> Callable[[_Folder], None]:
     return apply
 
 
-def _motor_side(f: _Folder) -> None:
-    ratios = f.document["robot"].get("gear_ratio", [100.0] * len(f.document["robot"]["joints"]))
-
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        for joint, ratio in zip(f.document["robot"]["joints"], ratios, strict=True):
-            table[f"tau_{joint}"] = table[f"tau_{joint}"] / abs(ratio)
-        return table
-
-    f.edit(change, every=True)
-
-
-def _flipped_sign(f: _Folder) -> None:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        table[f"tau_{f.joint}"] = -table[f"tau_{f.joint}"]
-        return table
-
-    f.edit(change, every=True)
-
-
-def _stuck_encoder(f: _Folder) -> None:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        table[f"q_{f.joint}"] = table[f"q_{f.joint}"].iloc[0]
-        return table
-
-    f.edit(change, every=True)
-
-
-def _standing_still(f: _Folder) -> None:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        rng = np.random.default_rng(0)
-        for name in f.columns("q", table) + f.columns("tau", table):
-            spread = 1e-7 if name.startswith("q_") else 0.01 * float(table[name].std())
-            table[name] = table[name].iloc[0] + spread * rng.normal(size=len(table))
-        return table
-
-    f.edit(change)
-
-
-def _saturated(f: _Folder) -> None:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        name = f"tau_{f.joint}"
-        limit = 0.3 * float(table[name].abs().max())
-        table[name] = table[name].clip(-limit, limit)
-        return table
-
-    f.edit(change, every=True)
-
-
 def _constant_torque(f: _Folder) -> None:
     f.edit(lambda table: table.assign(**{f"tau_{f.joint}": 1.0}), every=True)
 
@@ -259,15 +211,6 @@ def _broken_yaml(f: _Folder) -> None:
     (f.path / "dataset.yaml").write_text("name: [unclosed\nrobot: {", encoding="utf-8")
 
 
-def _shifted_channel(f: _Folder) -> None:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        for name in f.columns("tau", table):
-            table[name] = np.roll(table[name].to_numpy(), 40)
-        return table[60:-60].reset_index(drop=True)
-
-    f.edit(change, every=True)
-
-
 _REFUSED: dict[str, Callable[[_Folder], None]] = {
     "truncated_parquet": _truncate,
     "one_nan": _one_nan,
@@ -295,17 +238,10 @@ _REFUSED: dict[str, Callable[[_Folder], None]] = {
 }
 _MISLEADING: dict[str, Callable[[_Folder], None]] = {
     "swapped_columns": _swap,
-    "degrees_for_radians": _factor("q", 180.0 / np.pi),
     "millimetres_for_metres": _factor("q", 1000.0),
-    "motor_side_torque": _motor_side,
-    "flipped_torque_sign": _flipped_sign,
-    "stuck_encoder": _stuck_encoder,
-    "standing_still": _standing_still,
-    "saturated_torque": _saturated,
     "constant_torque": _constant_torque,
     "massless_urdf": _massless_urdf,
     "masses_in_grams": _masses_in_grams,
-    "shifted_channel": _shifted_channel,
 }
 REFUSED: tuple[str, ...] = tuple(_REFUSED)
 MISLEADING: tuple[str, ...] = tuple(_MISLEADING)
@@ -320,8 +256,7 @@ def damage(folder: str | Path, kind: str) -> None:
     folder : path-like
         A whole folder; it is changed, so pass a copy.
     kind : str
-        One of `DAMAGES`. ``degrees_for_radians`` is meant for turning joints, ``millimetres_for_metres`` for
-        sliding ones.
+        One of `DAMAGES`. ``millimetres_for_metres`` is meant for sliding joints.
 
     Raises
     ------

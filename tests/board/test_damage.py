@@ -54,10 +54,6 @@ def test_some_damages_do_what_they_say(whole, tmp_path):
     assert int(first_run(made["one_nan"]).isna().sum().sum()) == 1
     assert np.diff(first_run(made["time_backwards"])["t"]).min() < 0
     assert np.diff(first_run(made["time_jump"])["t"]).max() == pytest.approx(3.004)
-    assert np.ptp(first_run(made["stuck_encoder"])["q_elbow"]) == 0
-    assert first_run(made["degrees_for_radians"])["q_elbow"].abs().max() > 20
-    ratio = first_run(whole)["tau_waist"] / first_run(made["motor_side_torque"])["tau_waist"]
-    assert np.allclose(ratio, 100.0)
     assert len(first_run(made["empty_run"])) == 0
     massless = pin.buildModelFromXML((made["massless_urdf"] / "robot.urdf").read_text())
     assert sum(inertia.mass for inertia in massless.inertias) == 0

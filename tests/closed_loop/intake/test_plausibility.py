@@ -400,6 +400,7 @@ def test_another_unit_is_no_load(arm, tmp_path, factor):
     refuse(folder, "'tau_b' is .* times what the rigid body needs")
 
 
+@pytest.mark.slow
 def test_faults_of_a_test_run_are_told(arm, tmp_path):
     folder = shutil.copytree(arm, tmp_path / "d")
     change_runs(folder, exchange("tau"), use="test")
