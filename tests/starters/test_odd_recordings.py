@@ -8,6 +8,7 @@ import random
 import numpy as np
 import pandas as pd
 import pytest
+from hostile.bags import write_bag
 from hostile.recordings import ARRAYS, CELLS, CLOCKS, SHAPES, pack
 from hostile.samples import URDF, make_table
 
@@ -155,6 +156,13 @@ def test_values_of_a_dictionary_are_read_as_they_are(table, tmp_path):
     pd.testing.assert_frame_equal(
         read(tmp_path / "a.parquet", to_bytes(packed, pd.DataFrame.to_parquet)), frame
     )
+
+
+def test_a_bag_that_names_a_joint_twice_is_refused(tmp_path):
+    """One of both positions would be taken for the joint's."""
+    write_bag(tmp_path / "bag", "a name twice")
+    with pytest.raises(InputError, match="/joint_states: names 'j1' twice"):
+        read_recording(tmp_path / "bag")
 
 
 def test_values_that_are_infinite_are_held_by_nothing():

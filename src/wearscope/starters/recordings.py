@@ -298,6 +298,9 @@ def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
     known: set[str] = set()
     for connection, received, raw in reader.messages(connections=links):
         message = reader.deserialize(raw, connection.msgtype)
+        if len({*message.name}) < len(message.name):  # which of both is the joint's nobody can tell
+            again = escape_text(max(message.name, key=message.name.count))[:30]
+            raise InputError(f"{links[0].topic}: names '{again}' twice; give each joint a name of its own.")
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec or received
         first = stamp if first is None else first
         row = {"time": (stamp - first) * 1e-9}
