@@ -61,7 +61,7 @@ def test_a_delay_that_makes_a_sixth_of_the_error_is_named(record, tmp_path):
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "time_delay")]
 
 
-@pytest.mark.parametrize("seed", range(10, 13))
+@pytest.mark.parametrize("seed", [10, 11])
 def test_nothing_is_named_where_the_declared_model_suffices(record, tmp_path, seed):
     assert close_loop(record(seed=seed), tmp_path / "out", light=True)["verdict"] == []
 
@@ -99,7 +99,7 @@ def test_smooth_structure_is_described_with_few_heights(record, tmp_path):
     assert len(verdict["verdict"][0]["parameters"]) <= COARSE
 
 
-@pytest.mark.parametrize("seed", range(30, 33))
+@pytest.mark.parametrize("seed", [30, 31])
 def test_drifting_bias_is_not_called_unknown(record, tmp_path, seed):
     def walk(t, q, v, a, rng):
         return np.cumsum(rng.normal(size=(len(t), 2)), axis=0) * 0.05

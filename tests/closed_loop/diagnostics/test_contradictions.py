@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.contradictions import find_contradictions
-from wearscope.closed_loop.model.declared import fit_declared_model
 
 
 def in_runs(torque, where):
@@ -52,9 +52,7 @@ def drift(t, q, v, a, rng):
 def test_noise_is_no_contradiction_and_a_torque_from_outside_is_one(record, pose, torque, where, seed):
     extra = None if torque is None else in_runs(torque, where)
     problem = pose(record(extra_torque=extra, seed=seed, runs=5, duration=10.0))
-    model = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    model = fit_problem(problem)
     found = find_contradictions(problem.prepared, model)
     joint = {pull: 0, drag: 1}.get(torque)
     told = {j: [f"runs/r{k}.parquet" for k in where] for j in [joint] if j is not None}

@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 import yaml
+from folders import fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.loads import tell_loads
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import predict_runs
 from wearscope.reporting.loop_words import LOAD
 
@@ -23,9 +23,7 @@ def grow_friction(sizes):
 def tell(record, pose):
     def told(**options):
         problem = pose(record(runs=4, duration=8.0, **options))
-        model = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        model = fit_problem(problem)
         return tell_loads(problem.prepared, predict_runs(problem.prepared, model, model), model)
 
     return told

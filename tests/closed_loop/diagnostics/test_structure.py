@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from folders import fit_problem
 from noises import coloured, drift, heavy, slow, white
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -18,7 +19,6 @@ from wearscope.closed_loop.diagnostics.residual_tests import (
 from wearscope.closed_loop.diagnostics.structure import judge_joints
 from wearscope.closed_loop.inference.answer import Left
 from wearscope.closed_loop.inference.policy import Policy
-from wearscope.closed_loop.model.declared import fit_declared_model
 
 SMALL = {"runs": 4, "duration": 10.0}
 
@@ -34,9 +34,7 @@ def judge(record, pose):
 
     def states(extra, seed, **more):
         problem = pose(record(extra_torque=extra, seed=seed, **SMALL, **more))
-        model = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        model = fit_problem(problem)
         return judge_joints(problem.prepared, model, [], {}, Policy())
 
     return states
@@ -44,9 +42,7 @@ def judge(record, pose):
 
 def test_what_the_search_could_not_take_is_structure_with_its_size(record, pose):
     problem = pose(record(seed=62, **SMALL))
-    model = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    model = fit_problem(problem)
     left = {0: Left(0.64, ["q_a"], "structure in q_a: too few runs")}
     said, other = judge_joints(problem.prepared, model, [], left, Policy())
     assert said.state == "unexplained"

@@ -5,19 +5,14 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from folders import PLANS
 
 from benchmarks.board.disturbances import NOISES
 from benchmarks.board.draw_machines import draw_machine
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Recipe, RunPlan
+from benchmarks.board.recipe import Recipe
 from wearscope.closed_loop.run import close_loop
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "sweep", 1, 52.0),
-    RunPlan("train", "points", 2, 31.0),
-    RunPlan("test", "points", 3, 47.0),
-)
 #: What follows time and no motion: it may be said to be left, but not named.
 IN_TIME = ("hum", "event", "harmonics")
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.answer import find_terms
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.reversal import refine_reversals
 from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate, estimate_jointly
 
 WIDTHS = np.array([0.12, 0.05])
@@ -95,9 +95,7 @@ def test_a_level_that_another_form_would_take_away_is_not_told_from_zero(record,
 
     problem = pose(record(noise=0.05, extra_torque=bend, seed=6))
     problem = problem.reverse_over(Reversals.over(np.array([width, WIDTHS[1]])))
-    model = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    model = fit_problem(problem)
     at = next(k for k, e in enumerate(model.entries) if (e.effect.name, e.joint) == ("coulomb", 0))
     joint, one = estimate_jointly(model, unnamed=False), estimate(model, unnamed=False)[at]
     level, half, moved = (x[model.spans[at].start] for x in (joint.theta, joint.width, joint.moved))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.status import mark_terms
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import load_effect
@@ -38,9 +38,7 @@ def tested(record):
 def mark(pose):
     def marks(folder, *terms):
         problem = pose(folder)
-        base = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        base = fit_problem(problem)
         after = refit(base, [*base.entries, *terms])
         before = after.solve().copy()
         marked = mark_terms(problem.prepared, after, after.entries[len(base.entries) :])
@@ -63,9 +61,7 @@ def test_the_reduction_is_that_of_explicit_refits(tested, pose, mark):
     folder = tested(1.0)
     (marked,) = mark(folder, RIPPLE)
     problem = pose(folder)
-    base = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    base = fit_problem(problem)
     (test,) = problem.prepared.runs_for("test")
     losses = []
     for model in (base, refit(base, [*base.entries, RIPPLE])):

@@ -7,18 +7,13 @@ import pandas as pd
 import pytest
 import yaml
 from folder_damage import DAMAGES, damage
+from folders import PLANS
 
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "sweep", 1, 52.0),
-    RunPlan("train", "points", 2, 31.0),
-    RunPlan("test", "points", 3, 47.0),
-)
 JOINT = "slide"
 Q, TAU = f"q_{JOINT}", f"tau_{JOINT}"
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from folders import fit_problem
 from scipy.interpolate import CubicSpline
 
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.prediction import predict_reduced, refit
 from wearscope.closed_loop.posing import pose_problem
@@ -34,9 +34,7 @@ def test_declared_delays_are_found_and_leave_the_noise(record, delays):
     """Of two joints, early and late, on the grid of samples (5 ms) and off it."""
     folder = record(seed=11, declared=DECLARED, runs=3, duration=8.0)
     problem = pose_problem(delay_channels(folder, delays))
-    model = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    model = fit_problem(problem)
     model = refit(model, model.entries)
     found = {e.entry.label: e for e in estimate(model) if e.entry.effect.name == "time_delay"}
     for j, joint in enumerate("ab"):
@@ -77,9 +75,7 @@ def test_undeclared_delays_leave_what_is_left_without_them(record):
         now, then = (verdict["joints"][joint] for verdict in (late.verdict, plain))
         assert now["rms_after"] < 1.1 * then["rms_after"]
         # The error before is that of the recordings as they are.
-        left = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        left = fit_problem(problem)
         (test,) = problem.prepared.runs_for("test")
         j = problem.prepared.dataset.joints.index(joint)
         own = (test.measured - predict_reduced(left, left.solve(), test))[test.keep[:, j], j]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from folders import fit_problem
 
 from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
@@ -14,7 +15,6 @@ from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import Band, low_pass, rows
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.events import (
     _describe,
     _find_stretches,
@@ -41,9 +41,7 @@ def push(at, size, width):
 def look(record, pose):
     def found(named=None, start=0.0, **options):
         problem = pose(record(runs=3, duration=8.0, **options))
-        model = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        model = fit_problem(problem)
         predicted = predict_runs(problem.prepared, model, model)
         runs = [replace(p.run, start=start) for p in predicted]
         left = [p.run.measured - p.after for p in predicted]

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.prediction import refit
 
 
 def fit(problem, without=()):
-    declared = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    declared = fit_problem(problem)
     return refit(declared, [term for term in declared.entries if term.label not in without])
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop.model.blocks import make_blocks, make_folds
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -20,9 +20,7 @@ def problem(record_at, pose, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(problem):
-    return fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    return fit_problem(problem)
 
 
 def weighted_rows(model: Regression):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop import diagnosis
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.rests import Left, is_refuted
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -91,9 +91,7 @@ def test_rests_name_the_asymmetry_that_motion_does_not_tell_from_an_offset(tmp_p
 def test_rests_do_not_rename_what_every_drive_has(record, pose, monkeypatch, name, rival, asked):
     """A rest that static friction holds as it turned into it looks like what another joint drives."""
     problem = pose(record(seed=2, declared=("rigid_body", "rotor_inertia"), runs=2, duration=6.0))
-    before = fit_declared_model(
-        problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-    )
+    before = fit_problem(problem)
     after = refit(before, [*before.entries, ModelTerm(load_effect(name), 0, (), (0,))])
     rivals = []
     monkeypatch.setattr(

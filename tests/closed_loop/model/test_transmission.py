@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from folders import fit_problem
 
 from benchmarks.board.draw_machines import draw_machine
 from benchmarks.board.generate import generate_dataset
@@ -12,7 +13,6 @@ from benchmarks.board.regimes import list_cases
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake.filtering import low_pass
 from wearscope.closed_loop.model import joint_flexibility
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.joint_flexibility import (
     bending_torque,
     is_solvable,
@@ -33,9 +33,7 @@ def soft_model(record, pose):
     def make(compliance, noise=1.0):
         folder = record([(0, "joint_elasticity", {"compliance": compliance})], seed=5, noise=noise)
         problem = pose(folder)
-        model = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
+        model = fit_problem(problem)
         soft = ModelTerm(load_effect("joint_elasticity"), 0, (), (0,))
         return refit(model, [*model.entries, soft])
 

@@ -4,18 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from folders import PLANS
 
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 from wearscope.closed_loop.model.inertials import inertial_scale, name_far_links
 from wearscope.closed_loop.run import close_loop
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "sweep", 1, 52.0),
-    RunPlan("train", "points", 2, 31.0),
-    RunPlan("test", "points", 3, 47.0),
-)
 SHORT = {"duration": 8.0, "rate": 125.0, "plans": PLANS}
 BODIES = {"payload_error", "inertial_error"}
 
