@@ -77,28 +77,37 @@ def spent():
 
 
 class Shared:
-    """Processor seconds of fixtures that many tests share, which count for none of them."""
+    """Processor seconds of fixtures that many tests share, which count for none of them.
+
+    A plug-in of its own: for the fixtures of a session pytest asks none of the hooks of this file.
+    """
 
     seconds, depth = 0.0, 0
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef):
+        if fixturedef.scope == "function" or self.depth:
+            return (yield)
+        before, self.depth = spent(), 1
+        try:
+            return (yield)
+        finally:
+            self.seconds, self.depth = self.seconds + spent() - before, 0
 
-@pytest.hookimpl(wrapper=True)
-def pytest_fixture_setup(fixturedef):
-    if fixturedef.scope == "function" or Shared.depth:
-        return (yield)
-    before, Shared.depth = spent(), 1
-    try:
-        return (yield)
-    finally:
-        Shared.seconds, Shared.depth = Shared.seconds + spent() - before, 0
+
+SHARED = Shared()
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(SHARED)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item):
-    before = spent() - Shared.seconds
+    before = spent() - SHARED.seconds
     result = yield
     if path := item.config.getoption("processor_seconds"):
-        took = spent() - Shared.seconds - before
+        took = spent() - SHARED.seconds - before
         if took >= 1.0:
             with open(path, "a") as file:
                 file.write(f"{took:.1f}\t{item.nodeid.removeprefix('tests/')}\n")

@@ -65,9 +65,8 @@ def test_pushes_are_events_and_no_change(write, reference):
         assert max(e["size"] for e in own) == pytest.approx(8.0, rel=0.2)
 
 
-def test_a_change_of_the_machine_is_no_event(sessions, reference):
-    for session in sessions.later:
-        assert assess_session(sessions, session, reference).events == []
+def test_a_change_of_the_machine_is_no_event(assessments):
+    assert all(one.events == [] for one in assessments.values())
 
 
 def test_far_warmer_session_cannot_be_told(said):
@@ -77,7 +76,7 @@ def test_far_warmer_session_cannot_be_told(said):
     assert "the reference at 25 to 47" in hidden[0] and "Measure healthy sessions" in hidden[0]
 
 
-def test_use_of_a_later_run_does_not_matter(sessions, reference, machine, tmp_path):
+def test_use_of_a_later_run_does_not_matter(assessments, reference, machine, tmp_path):
     import shutil
 
     other = tmp_path / "duo"
@@ -87,18 +86,18 @@ def test_use_of_a_later_run_does_not_matter(sessions, reference, machine, tmp_pa
     (other / "dataset.yaml").write_text(
         head + "file: runs/d6r0.parquet" + tail.replace("use: test", "use: train", 1)
     )
-    one, two = (assess_session(s, "s6", reference) for s in (sessions, read_sessions(other)))
+    one, two = assessments["s6"], assess_session(read_sessions(other), "s6", reference)
     assert [c.key for c in one.named] == [c.key for c in two.named] and one.named
     for change in one.named:
         np.testing.assert_array_equal(one.fit.values[change.key], two.fit.values[change.key])
 
 
-def test_reference_survives_its_file(sessions, reference, tmp_path):
+def test_reference_survives_its_file(sessions, assessments, reference, tmp_path):
     path = tmp_path / "reference.npz"
     save_reference(path, reference, [{"session": "s0"}])
     again, records = load_reference(path)
     assert records == [{"session": "s0"}]
-    one, two = (assess_session(sessions, "s7", r) for r in (reference, again))
+    one, two = assessments["s7"], assess_session(sessions, "s7", again)
     assert [c.key for c in one.named] == [c.key for c in two.named] and one.named
     assert one.cannot_tell == two.cannot_tell
     for change in one.named:
