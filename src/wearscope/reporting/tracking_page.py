@@ -199,7 +199,7 @@ def describe(tracking: Tracking) -> SimpleNamespace:
         reason=upper_first(reason.partition(": ")[2]).rstrip("."),
         remedy=remedy,
         hidden="".join(last["cannot_tell"][:1]).partition(". ")[0].rstrip("."),
-        passed="" if changes or unknown else join_words(tracking.changed_before()),
+        passed="" if changes else join_words(tracking.changed_before()),
         false=f"{100 * outcome['false_alarm_rate']:.3g}",
         events=len(join_events(last.get("events", []))),
         scattering=join_words([one["session"] for one in outcome["reference_scatter"]]),
