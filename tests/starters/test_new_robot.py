@@ -125,6 +125,21 @@ def test_it_passes_its_own_check_as_it_is(arm, tmp_path):
     assert check_robot_folder(tmp_path / "arm").problems == []
 
 
+def test_a_gripper_of_coupled_joints_is_left_out(tmp_path):
+    """A finger that another joint follows is not simulated; a joint that is named is refused as before."""
+    urdf = write_arm(tmp_path / "a.urdf", 4, (60.0, 50.0, 20.0, 5.0))
+    thumb = (
+        '<link name="thumb"/><joint name="thumb" type="revolute"><parent link="l2"/><child link="thumb"/>'
+        '<limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="j3"/></joint></robot>'
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", thumb))
+    model, _, notes = make_robot(urdf, "arm", Stated())
+    assert list(model.joints) == ["j0", "j1", "j2"]
+    assert "j3: left out and locked at 0, as other joints follow it." in notes
+    with pytest.raises(InputError, match="'thumb' mimics 'j3'"):
+        make_robot(urdf, "arm", Stated(joints=["j0", "j1", "j2", "j3"]))
+
+
 def test_an_arm_of_many_joints_is_planned_in_few_rounds(tmp_path, monkeypatch):
     made, make_model = [], limits.make_model
     monkeypatch.setattr(limits, "make_model", lambda *given: made.append(1) or make_model(*given))

@@ -555,6 +555,12 @@ def test_a_gripper_in_the_urdf_has_no_numbered_column(tmp_path):
     bench.record(torque_of(0.5, 0.1, 0.1))
     done = bench.take()
     assert done.exit_code == 0 and "finger: left out, as a hand behind arm2" in done.output
+    shutil.rmtree(tmp_path / "d", ignore_errors=True)
+    thumb = '<link name="t"/><joint name="thumb" type="revolute"><parent link="l2"/><child link="t"/>'
+    thumb += '<limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="finger"/></joint></robot>'
+    urdf.write_text(urdf.read_text().replace("</robot>", thumb))
+    done = bench.take()
+    assert done.exit_code == 0 and "finger: left out and locked at 0, as other joints follow" in done.output
     assert yaml.safe_load((tmp_path / "d/dataset.yaml").read_text())["robot"]["joints"] == ["arm1", "arm2"]
 
 

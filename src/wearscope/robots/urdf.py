@@ -38,6 +38,16 @@ def movable_joints(tree: Tree) -> list[str]:
     return [joint.name for joint in tree.joints if joint.kind in MOVABLE and joint.mimics is None]
 
 
+def free_joints(tree: Tree) -> tuple[list[str], list[str]]:
+    """Joints that move on their own, parents first: those that no joint follows, and notes on the others."""
+    followed = {joint.mimics for joint in tree.joints}
+    every = movable_joints(tree)
+    notes = [
+        f"{name}: left out and locked at 0, as other joints follow it." for name in every if name in followed
+    ]
+    return [name for name in every if name not in followed], notes
+
+
 def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
     by_name = {joint.name: joint for joint in tree.joints}
     if not joints:

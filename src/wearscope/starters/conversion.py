@@ -11,7 +11,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
-from wearscope.robots.urdf import movable_joints
+from wearscope.robots.urdf import free_joints, movable_joints
 from wearscope.robots.urdf_file import Joint, parse_urdf
 from wearscope.starters.columns import count_numbered, find_groups, name_joints
 from wearscope.starters.figures import take_option
@@ -78,7 +78,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     """
     tree = parse_urdf(urdf)
     mapped = replace(mapped, movable=movable_joints(tree))
-    joints = list(mapped.joints) or list(mapped.movable)
+    joints, notes = (list(mapped.joints), []) if mapped.joints else free_joints(tree)
     known = {joint.name: joint for joint in tree.joints}
     for name in joints:
         if name not in known:
@@ -87,7 +87,6 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
             )
     if len(set(joints)) < len(joints):
         raise InputError(f"{urdf}: --joints names a joint twice; name each once.")
-    notes: list[str] = []
     runs: list[Recorded] = []
     rates: list[float] = []
     stated = mapped.rate

@@ -12,7 +12,7 @@ from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.friction import SOURCE, friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
-from wearscope.robots.urdf import movable_joints, normalise_urdf
+from wearscope.robots.urdf import free_joints, movable_joints, normalise_urdf
 from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf
 from wearscope.starters.figures import (
     START_TIME,
@@ -117,7 +117,7 @@ def make_robot(
 
 def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict[str, Figures], list[str]]:
     tree = parse_urdf(urdf)
-    joints = list(stated.joints) or movable_joints(tree)
+    joints, left = (list(stated.joints), []) if stated.joints else free_joints(tree)
     text = normalise_urdf(urdf, joints)
     chain = [joint for joint in movable_joints(tree) if joint in joints]
     if joints != chain:
@@ -149,7 +149,7 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
     figures |= _choose_friction(friction, usual, speed)
     fields = _make_fields(name, joints, stated, figures, payload, usual)
     model, notes = fit_to_cycles(fields, text, figures, stated.acceleration_limit, holding, inertia)
-    return model, figures, notes
+    return model, figures, [*left, *notes]
 
 
 def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], speed: Array) -> Array:
