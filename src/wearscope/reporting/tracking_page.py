@@ -77,9 +77,13 @@ class Tracking:
         return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
 
     def changed_before(self) -> list[str]:
-        """Sessions before the last one with a change."""
-        last = self.outcome["sessions"][-1]["session"]
-        return list(dict.fromkeys(session for session, _ in self.entries() if session != last))
+        """Sessions before the last one with a change, or with an open one at another joint than in the last."""
+        last, earlier = self.open_changes().keys(), self.outcome["sessions"][:-1]
+        return [
+            one["session"]
+            for k, one in enumerate(earlier)
+            if one["changes"] or self.open_changes(k).keys() - last
+        ]
 
     def open_changes(self, place: int = -1) -> dict[str, str]:
         """For each joint whose friction changed in a session, by wear or by temperature, a sentence."""
