@@ -55,6 +55,7 @@ def test_torque_without_gravity_is_told_and_taken(tmp_path, n, mass, friction):
     assert verdict["torque"] == {f"j{k + 1}": "without_gravity" for k in range(n)}
 
 
+@pytest.mark.slow
 def test_torque_without_gravity_is_told_where_friction_and_drives_make_most_of_it(tmp_path):
     bench = Bench(tmp_path, 3, 2.0, size=0.5)
     bench.frequencies = (0.05, 0.11, 0.19)
@@ -344,7 +345,8 @@ def test_two_joints_do_not_tell_a_factor_of_all_torques_from_a_payload(tmp_path)
     assert "kg heavier than stated" in " ".join(bench.accept())
 
 
-@pytest.mark.parametrize(("n", "factor"), [(2, 2.0), slow(3, 0.25)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("n", "factor"), [(2, 2.0), (3, 0.25)])
 def test_encoders_of_another_resolution_are_told(tmp_path, n, factor):
     bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
     bench.record(torque_of(0.6, 0.1, 0.05, noise=0.01), position=lambda q, k: factor * q)

@@ -62,22 +62,10 @@ def wheel(tmp_path_factory):
 def installed(wheel, tmp_path_factory):
     """Commands of an environment: the wheel by pip, what it depends on lent by the tests' own."""
     folder = tmp_path_factory.mktemp("env")
-    run(sys.executable, "-m", "venv", folder)
-    (site,) = folder.glob("lib/python*/site-packages")
-    lent = Path(importlib.metadata.distribution("snakemake").locate_file("")).resolve()
-    (site / "lent.pth").write_text(f"import site; site.addsitedir({str(lent)!r})\n")
-    run(
-        folder / "bin" / "python",
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--no-index",
-        "--ignore-installed",
-        wheel,
-    )
-    place = run(folder / "bin" / "python", "-c", "import wearscope; print(wearscope.__file__)").strip()
+    python = lend_packages(folder)
+    options = ["--quiet", "--no-deps", "--no-index", "--ignore-installed"]
+    run(python, "-m", "pip", "install", *options, wheel)
+    place = run(python, "-c", "import wearscope; print(wearscope.__file__)").strip()
     assert Path(place).is_relative_to(folder)
     return folder / "bin"
 
@@ -140,16 +128,8 @@ def test_wheel_carries_package_workflow_types_and_metadata(wheel):
 def test_clone_is_installed_as_make_does_it(tmp_path):
     """By path, with the locked packages only: nothing is built in isolation."""
     python = lend_packages(tmp_path)
-    install = [
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "--ignore-installed",
-        "--editable",
-        ROOT,
-    ]
-    run(python, "-m", "pip", *install)
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed"]
+    run(python, "-m", "pip", "install", *options, "--editable", ROOT)
     assert run(tmp_path / "bin" / "wearscope", "--version").startswith("wearscope, version ")
 
 

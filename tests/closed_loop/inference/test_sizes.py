@@ -70,6 +70,7 @@ def test_what_is_said_of_a_turned_torque_in_another_unit_is_enough(tmp_path):
     assert found["parameters"]["coefficient"]["value"] == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "delay"), [(1000.0, 0.04), (-60.0, -0.05)])
 def test_another_unit_and_a_delay_are_told_at_once(tmp_path, factor, delay):
     def made(q, v, a, rng, t):
@@ -167,6 +168,7 @@ def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):
     assert any("times what the stated bodies need" in one for one in notes)
 
 
+@pytest.mark.slow
 def test_a_mount_on_a_wall_is_told_next_to_currents(tmp_path):
     bench = Bench(tmp_path, 3, seconds=9.0)
     turned = '<link name="w"/><joint name="m" type="fixed"><parent link="w"/><child link="base"/>'
