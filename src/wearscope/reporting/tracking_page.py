@@ -77,7 +77,7 @@ class Tracking:
         return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
 
     def changed_before(self) -> list[str]:
-        """Sessions before the last one with a change, or with an open one at another joint than in the last."""
+        """Earlier sessions with a change, or with an open one at another joint than in the last session."""
         last, earlier = self.open_changes().keys(), self.outcome["sessions"][:-1]
         return [
             one["session"]
