@@ -4,6 +4,7 @@ import atexit
 import os
 import resource
 import select
+import shutil
 import signal
 import sys
 import tempfile
@@ -91,9 +92,8 @@ def keep_compiled() -> None:
     there = next((one for one in (cache, *cache.parents) if os.path.exists(one)), cache)
     lasting = any(os.access(one, os.W_OK | os.X_OK) for one in (Path(__file__).parent, there))
     if not lasting and "NUMBA_CACHE_DIR" not in os.environ:
-        made = tempfile.TemporaryDirectory(prefix="wearscope-compiled-")
-        atexit.register(made.cleanup)
-        os.environ["NUMBA_CACHE_DIR"] = made.name
+        os.environ["NUMBA_CACHE_DIR"] = made = tempfile.mkdtemp(prefix="wearscope-compiled-")
+        atexit.register(shutil.rmtree, made, ignore_errors=True)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -127,7 +128,9 @@ def test_functions_are_compiled_where_no_lasting_place_can_be_written(lasting, t
     monkeypatch.setattr(processes.tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(processes.os, "access", lambda place, mode: place in [places[one] for one in lasting])
     left = []
-    monkeypatch.setattr(processes.atexit, "register", left.append)
+    monkeypatch.setattr(
+        processes.atexit, "register", lambda *call, **given: left.append(partial(*call, **given))
+    )
     processes.keep_compiled()
     made = os.environ.get("NUMBA_CACHE_DIR")
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
@@ -136,3 +139,17 @@ def test_functions_are_compiled_where_no_lasting_place_can_be_written(lasting, t
         assert Path(made).stat().st_mode & 0o777 == 0o700 and Path(made).parent == tmp_path
         left[0]()
         assert not Path(made).exists()
+
+
+def test_an_interrupt_of_any_command_has_one_status(monkeypatch, capsys):
+    """Also one that comes while the command's modules are imported."""
+    from wearscope.cli import main
+
+    def interrupt(group, context, name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(main.LazyGroup, "get_command", interrupt)
+    monkeypatch.setattr(sys, "argv", ["wearscope", "check"])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 130 and capsys.readouterr().err == "Interrupted.\n"

@@ -69,6 +69,14 @@ class LazyGroup(click.Group):
         command: click.Command = getattr(importlib.import_module(f"wearscope.cli.{module}"), name)
         return command
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; Ctrl-C ends it with the status that shells know, also while it is imported."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            say("Interrupted.", err=True)
+            raise SystemExit(130) from None
+
 
 @click.group(
     cls=LazyGroup,
