@@ -14,7 +14,7 @@ import pytest
 PAGES = sorted((Path(__file__).parents[2] / "docs" / "how-to").glob("*.md"))
 PRINTED = [*PAGES, Path(__file__).parents[2] / "docs" / "tutorial.md"]
 #: Pages whose commands take seconds where those that compute are planned only.
-QUICK = ("factor", "notebook", "plugins", "study", "tutorial")
+QUICK = ("factor", "notebook", "plugins", "study")
 LONG = re.compile(r"^(wearscope (?:run|diagnose|track|detect|reevaluate|report)\b.*)$", re.MULTILINE)
 #: A page is under a screen.
 LINES = 60
