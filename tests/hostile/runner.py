@@ -4,6 +4,7 @@ import importlib
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -143,7 +144,7 @@ def act(arguments: list[str], folder: str, said: Path, around: str) -> None:
     for old, new in ((null, 0), (handle, 1), (handle, 2)):
         os.dup2(old, new)
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 2, SECONDS + 3))
-    code = 98
+    code, compiled = 98, os.environ.get("NUMBA_CACHE_DIR")
     try:
         if around:
             AROUND[around]()
@@ -164,6 +165,8 @@ def act(arguments: list[str], folder: str, said: Path, around: str) -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):
             stream.flush()
+    if (made := os.environ.get("NUMBA_CACHE_DIR")) not in (None, compiled):
+        shutil.rmtree(made, ignore_errors=True)  # as `atexit` would, which no process that was forked calls
     os._exit(code)
 
 
