@@ -51,9 +51,7 @@ def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]
     """Numbers of the healthy machine that later sessions do not change."""
     structure = reference.structure
     low, high = structure.warmth
-    names = ("friction", "friction", "friction", "torque", "torque")
-    scatter = {name: [float(x) for x, n in zip(reference.scatter, names * len(structure.moving), strict=True)
-                      if n == name] for name in names}  # fmt: skip
+    friction, torque = np.split(reference.scatter.reshape(len(structure.moving), -1), [3], axis=1)
     return {
         "terms": [
             {"joint": structure.joints[entry.joint], "effect": entry.effect.name}
@@ -63,8 +61,11 @@ def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]
             joint: [float(low[j]), float(high[j])] if np.isfinite(low[j]) else None
             for j, joint in enumerate(structure.joints)
         },
-        "scatter": {name: float(np.median(sizes)) for name, sizes in scatter.items()}
-        | {"sessions": len(healthy)},
+        "scatter": {
+            "friction": float(np.median(np.linalg.norm(friction, axis=1))),
+            "torque": float(np.median(np.linalg.norm(torque, axis=1))),
+            "sessions": len(healthy),
+        },
     }
 
 
