@@ -1,5 +1,6 @@
 """Runs commands of the platform, each in a process of its own with bounds on time and memory."""
 
+import codecs
 import importlib
 import json
 import os
@@ -102,6 +103,7 @@ def serve() -> None:
     ):
         importlib.import_module(f"wearscope.{module}")
     importlib.import_module("wearscope.checking.robot").check_robot_folder("medium")  # compiles
+    codecs.lookup("unicode-escape")  # Another user may not read the interpreter's library.
     for line in sys.stdin:
         print(json.dumps(asdict(run_forked(*json.loads(line)))), flush=True)
 
