@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from importlib.metadata import metadata
 from pathlib import Path
 
 #: Bounds of one command: processor and wall time [s], memory [bytes].
@@ -103,7 +104,9 @@ def serve() -> None:
     ):
         importlib.import_module(f"wearscope.{module}")
     importlib.import_module("wearscope.checking.robot").check_robot_folder("medium")  # compiles
-    codecs.lookup("unicode-escape")  # Another user may not read the interpreter's library.
+    # Another user may not read the interpreter's library.
+    codecs.lookup("unicode-escape")
+    metadata("wearscope")
     for line in sys.stdin:
         print(json.dumps(asdict(run_forked(*json.loads(line)))), flush=True)
 
