@@ -134,10 +134,17 @@ _ended: list[int] = []
 @atexit.register
 def _leave() -> None:
     if _ended:
+        code = _ended[-1]
         for stream in (sys.stdout, sys.stderr):
-            with suppress(AttributeError, OSError, ValueError):  # nobody listens, or none was opened
+            try:
                 stream.flush()
-        os._exit(_ended[-1])
+            except (AttributeError, BrokenPipeError, ValueError):
+                pass  # nobody listens, or none was opened
+            except OSError as error:
+                code = code or 1
+                with suppress(OSError):
+                    os.write(2, f"The output is lost: {error.strerror}; write it elsewhere.\n".encode())
+        os._exit(code)
 
 
 def leave_with(code: int) -> None:

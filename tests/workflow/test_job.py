@@ -5,6 +5,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -41,7 +42,7 @@ def test_progress_and_end_are_logged_and_said(snakemake, capsys):
     assert capsys.readouterr().err == "compute_it medium: 3/3 points\n"
 
 
-@pytest.mark.parametrize("log", [None, "/dev/full"])
+@pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize(
     ("error", "sentence"),
     [
@@ -56,15 +57,19 @@ def test_progress_and_end_are_logged_and_said(snakemake, capsys):
         ),
     ],
 )
-def test_bad_input_and_full_disk_end_in_one_sentence(snakemake, capsys, error, sentence, log):
-    snakemake.log = [log or snakemake.log[0]]
-    with pytest.raises(SystemExit) as end, job.run_job(snakemake):
-        raise error
+def test_bad_input_and_full_disk_end_in_one_sentence(snakemake, capsys, error, sentence, full):
+    """Where the disk is full, the log cannot say it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0 if full else soft, hard))
+    try:
+        with pytest.raises(SystemExit) as end, job.run_job(snakemake):
+            raise error
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert end.value.code == 1
     said = capsys.readouterr().err
     assert said.startswith("compute_it medium: ") and sentence in said and said.count("\n") == 1
-    if log is None:
-        assert sentence in Path(snakemake.log[0]).read_text()
+    assert (sentence in Path(snakemake.log[0]).read_text()) == (not full)
 
 
 @pytest.mark.parametrize("error", [TypeError("a defect"), OSError(errno.EACCES, "Permission denied")])
@@ -167,6 +172,22 @@ def test_a_job_whose_main_process_is_gone_does_not_start():
     for other in ("", processes.identify_process(os.getpid())):
         done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
         assert done.returncode == 0 and done.stdout == b"here\n"
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_an_output_that_cannot_be_written_is_no_success(tmp_path, full):
+    code = (
+        "import resource; from wearscope.processes import end_process\n"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({0 if full else 1000}, resource.RLIM_INFINITY))\n"
+        "print('the answer'); end_process(0)"
+    )
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with (tmp_path / "said").open("w") as out:
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=out, stderr=subprocess.PIPE, env=buffered, check=False
+        )
+    assert done.returncode == full
+    assert done.stderr == (b"The output is lost: File too large; write it elsewhere.\n" if full else b"")
 
 
 def test_a_job_that_ended_well_says_what_it_took(snakemake, tmp_path):
