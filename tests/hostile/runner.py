@@ -107,6 +107,7 @@ def serve() -> None:
     # Another user may not read the interpreter's library.
     codecs.lookup("unicode-escape")
     metadata("wearscope")
+    importlib.import_module("altair")
     for line in sys.stdin:
         print(json.dumps(asdict(run_forked(*json.loads(line)))), flush=True)
 
