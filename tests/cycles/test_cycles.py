@@ -2,10 +2,12 @@
 
 import inspect
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from wearscope.cycles import periodic_excitation
 from wearscope.cycles.base import check_reference, list_cycles, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model, make_model
@@ -164,3 +166,11 @@ def test_a_motion_that_the_planner_knows_no_code_for_gets_one_sentence():
     robot = robot.replace(drive=slow | {"jerk_limit": [1e6] * 2})
     with pytest.raises(InputError, match="change its home posture or its limits a little"):
         load_cycle("point_to_point").build(robot, 0.05, 1.0)
+
+
+def test_a_joint_without_range_sets_no_limit_of_the_excitation():
+    limits = SimpleNamespace(n=2, speed=np.full(2, 2.0), acceleration=np.full(2, 8.0), jerk=np.full(2, 80.0))
+    alone, both = (
+        periodic_excitation._find_frequency(limits, np.array(one)) for one in ((0.3, 0.0), (0.3, 0.3))
+    )
+    assert 0.0 < both <= alone < np.inf

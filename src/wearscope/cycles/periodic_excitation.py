@@ -63,13 +63,15 @@ def _find_frequency(plan: MotionPlan, scale: Array) -> float:
     time = np.linspace(0.0, TURN + RISE, 4001)
     _, speed, acceleration = _follow(time, np.zeros(plan.n), scale, 1.0)
     jerk = np.diff(acceleration, axis=0) / np.diff(time)[:, None]
-    # Speed, acceleration and jerk grow with the first, second and third power of the frequency.
-    return min(
-        float(np.min(EFFORT * limit / np.abs(values).max(axis=0))) ** (1.0 / power)
-        for power, (limit, values) in enumerate(
-            ((plan.speed, speed), (plan.acceleration, acceleration), (plan.jerk, jerk)), start=1
+    # Speed, acceleration and jerk grow with the first, second and third power of the frequency; a joint
+    # without range reaches none of its limits.
+    with np.errstate(divide="ignore"):
+        return min(
+            float(np.min(EFFORT * limit / np.abs(values).max(axis=0))) ** (1.0 / power)
+            for power, (limit, values) in enumerate(
+                ((plan.speed, speed), (plan.acceleration, acceleration), (plan.jerk, jerk)), start=1
+            )
         )
-    )
 
 
 def build(model: RobotModel, dwell: float, step: float) -> Reference:
