@@ -78,11 +78,10 @@ class Tracking:
 
     def changed_before(self) -> list[str]:
         """Earlier sessions with a change, or with an open one at another joint than in the last session."""
-        last, earlier = self.open_changes().keys(), self.outcome["sessions"][:-1]
         return [
             one["session"]
-            for k, one in enumerate(earlier)
-            if one["changes"] or self.open_changes(k).keys() - last
+            for k, one in enumerate(self.outcome["sessions"][:-1])
+            if one["changes"] or self.open_changes(k).keys() - self.open_changes().keys()
         ]
 
     def open_changes(self, place: int = -1) -> dict[str, str]:
