@@ -19,9 +19,8 @@ from wearscope.storage.verdicts import check_verdict
 def _tell_rank(row: Mapping[str, Any]) -> str:
     if pd.isna(row["rank"]):
         return "upper bound"
-    ends = (
-        float(row[one]) for one in ("rank", "rank_low", "rank_high")
-    )  # no date, which formats as anything
+    # A date would format as anything.
+    ends = (float(row[one]) for one in ("rank", "rank_low", "rank_high"))
     return "rank {:g} ({:g} to {:g})".format(*ends)
 
 
