@@ -251,6 +251,10 @@ def test_study_names_what_is_installed(installed, run, tmp_path):
     assert stale() == "Nothing to be done."
     rewrite(installed / "dummy_plugins" / "peak_torque.py", "abs(", "abs(0 + ")
     assert re.fullmatch(r"\d jobs to do\.", stale())
+    run("run", "mine", "--stage", "check", *options)
+    assert stale() == "Nothing to be done."
+    rewrite(installed / "dummy_plugins-1.0.dist-info" / "METADATA", "1.0", "1.1")
+    assert re.fullmatch(r"\d jobs to do\.", stale())
 
 
 @pytest.mark.slow

@@ -67,12 +67,12 @@ def test_a_drive_s_inertia_that_links_could_hold_is_told_of_the_links(tmp_path, 
 
 
 def test_a_fault_is_found_beside_wrong_masses(tmp_path):
-    """Each on a machine of its own, with the fault, bodies, and nothing else; of three, one may have more."""
+    """Each on a machine of its own, with the fault, bodies, and nothing else; of six, one may have more."""
     exact = 0
-    for seed in range(33, 36):
+    for seed in range(33, 39):
         planted = [Planted("viscous_asymmetry", "elbow", 8.0)]
         verdict = close_on(tmp_path / str(seed), planted, seed, inertia_error=0.05, approximate=False)
         named = [(e["joint"], {e["effect"], *e["equivalent"]}) for e in verdict["verdict"]]
         assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
         exact += all("viscous_asymmetry" in names or names & BODIES for _, names in named)
-    assert exact >= 2
+    assert exact >= 5
