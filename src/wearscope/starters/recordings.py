@@ -134,8 +134,10 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
             return read_text(path, columns)
         if kind in _JSON:
             return pd.read_json(path, lines=kind != ".json", dtype=False), []
-        if kind in _ARRAYS:
-            arrays, notes = _load_named(path) if kind == ".npz" else _load_matlab(path)
+        if kind == ".npz":
+            return _number_columns(_load_named(path)), []
+        if kind == ".mat":
+            arrays, notes = _load_matlab(path)
             return _number_columns(arrays), notes
     except (InputError, MemoryError):
         raise
@@ -151,13 +153,13 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
     )
 
 
-def _load_named(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Arrays of an ``.npz`` by their names, and no notes."""
+def _load_named(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of an ``.npz`` by their names."""
     loaded = np.load(path, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
     with loaded as arrays:
-        return dict(arrays.items()), []
+        return dict(arrays.items())
 
 
 def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
