@@ -117,7 +117,11 @@ def position_unit(
             )
         small = mapped.side == "joint" and _are_small(file, group, part, [ordered[k] for k in own], scale)
         unit[own] = scale.factor if small else 1.0
-        taken.append(f"{scale.small}, by their size (else --side motor)" if small else scale.base)
+        taken.append(
+            f"{scale.small}, by their size (else --position-unit {scale.base}, or --side motor)"
+            if small
+            else scale.base
+        )
     if taken:
         notes.append(f"{file.name}: positions are taken as {' and '.join(taken)}.")
     return unit
