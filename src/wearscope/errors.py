@@ -1,10 +1,11 @@
 """The one exception meant to be read by users, lists of problems, and the error of a missing package."""
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TypeVar
+from typing import Any, TypeVar
 
 
 class SimulationError(RuntimeError):
@@ -42,19 +43,35 @@ def escape(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
 
 
-def describe(error: BaseException) -> str:
-    """What an error of own code says, in one line; its text may fail as well."""
+def describe(error: BaseException, most: int = 200) -> str:
+    """What an error says, in one line of at most so many characters without a full stop.
+
+    Where an error of own code cannot even give its text, that is said.
+    """
     try:
-        return " ".join(str(error).split())
+        return " ".join(str(error).split())[:most].rstrip(".")
     except Exception:
         return "it has no text"
+
+
+def tell_error(error: BaseException) -> str:
+    """Kind of an error, and what it says, in one line."""
+    return f"{type(error).__name__}: {describe(error, LONGEST)}".rstrip()
+
+
+def explain_breach(error: Any) -> str:
+    """First field that a pydantic model refuses (`pydantic.ValidationError`), and why."""
+    first = error.errors()[0]
+    told = re.sub(r"^Value error, |^\w+ (?=should)", "", first["msg"])
+    told = told.replace("Field required", "is missing").replace("Extra inputs are", "is")
+    return f"{'.'.join(map(str, first['loc']))} {told}"
 
 
 def explain_yaml(error: Exception) -> str:
     """Where a text is no YAML, and why, in a few words."""
     mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
     if mark is None:
-        return " ".join(str(error).split())[:200]
+        return describe(error)
     reason = f"line {mark.line + 1}, column {mark.column + 1}: {getattr(error, 'problem', None)}"
     if context is not None and context.line != mark.line:
         reason += f", {getattr(error, 'context', None)} that begins in line {context.line + 1}"

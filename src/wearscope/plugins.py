@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from wearscope import limits
-from wearscope.errors import InputError, describe
+from wearscope.errors import InputError, tell_error
 from wearscope.storage.files import check_plain
 
 #: Where a module that was loaded from a file keeps the digest of the file's content.
@@ -121,8 +121,8 @@ def _import_installed(point: EntryPoint, room: str) -> ModuleType:
 
 def _tell_broken(point: EntryPoint, room: str, error: BaseException) -> str:
     owner = "" if point.dist is None else f" of package {point.dist.name}"
-    told = " ".join(f"{type(error).__name__}: {error}".split())
-    return f"{room}: importing '{point.name}'{owner} raised {told}; correct the package, or remove it."
+    told = f"importing '{point.name}'{owner} raised {tell_error(error)}"
+    return f"{room}: {told}; correct the package, or remove it."
 
 
 def load_file(path: Path, attribute: str) -> ModuleType:
@@ -166,9 +166,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
             return _execute(name, place, digest)
         except (Exception, SystemExit) as error:
             failure = error
-    raise InputError(
-        f"{path}: importing it raised {type(failure).__name__}: {describe(failure)}; correct the file."
-    ) from failure
+    raise InputError(f"{path}: importing it raised {tell_error(failure)}; correct the file.") from failure
 
 
 def _execute(name: str, place: Path, digest: str) -> ModuleType:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe, explain_breach
 from wearscope.storage.files import load_json
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
@@ -77,10 +77,8 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
     try:
         fields = load_json(content, object_pairs_hook=_refuse_doubles)
     except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise InputError(
-            f"{where}: {MANIFEST} is not readable JSON ({reason}); get the file again."
-        ) from None
+        told = f"{MANIFEST} is not readable JSON ({describe(error)})"
+        raise InputError(f"{where}: {told}; get the file again.") from None
     if not isinstance(fields, dict):
         raise InputError(f"{where}: {MANIFEST} holds no mapping; get the file again.")
     if type(fields.get("format")) is not int or fields["format"] not in (1, FORMAT):
@@ -91,8 +89,10 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
         )
     try:
         manifest = Manifest.model_validate(fields)
-    except (ValidationError, RecursionError) as error:
-        raise InputError(f"{where}: {MANIFEST}: {_first_breach(error)}; get the file again.") from None
+    except RecursionError:
+        raise InputError(f"{where}: {MANIFEST}: is nested too deeply; get the file again.") from None
+    except ValidationError as error:
+        raise InputError(f"{where}: {MANIFEST}: {explain_breach(error)}; get the file again.") from None
     if manifest.format == 1 and any(name in manifest.files for name in MADE):
         raise InputError(f"{where}: {MANIFEST} lists a name that format 1 has not; get the file again.")
     check_names(manifest.files, where)
@@ -144,11 +144,3 @@ def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(fields) != len(pairs):
         raise ValueError("a key is there twice")
     return fields
-
-
-def _first_breach(error: ValidationError | RecursionError) -> str:
-    if isinstance(error, RecursionError):
-        return "is nested too deeply"
-    first = error.errors()[0]
-    place = ".".join(show(str(part)) for part in first["loc"])
-    return f"{place}: {first['msg'][0].lower()}{first['msg'][1:]}"

@@ -17,7 +17,7 @@ from wearscope.archive.manifest import (
     parse_manifest,
     show,
 )
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 
 _BLOCK = 1 << 20
 #: Kinds of header that `tarfile` reads whole.
@@ -88,8 +88,8 @@ def walk_archive(path: str | Path) -> Manifest:
     except (tarfile.TarError, EOFError, OSError, ValueError, OverflowError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        reason = " ".join(str(error).split())[:100]
-        raise InputError(f"{path}: is no whole tar archive ({reason}); get the file again.") from error
+        told = f"is no whole tar archive ({describe(error)})"
+        raise InputError(f"{path}: {told}; get the file again.") from error
     if waiting:
         raise InputError(f"{path}: {show(min(waiting))} is missing; get the file again.")
     return manifest

@@ -29,7 +29,7 @@ from wearscope.archive.manifest import (
 )
 from wearscope.archive.members import as_content, describe_checksum, extract_archive, walk_archive, write_tar
 from wearscope.config import TAKEN, drop_retired
-from wearscope.errors import InputError, explain_yaml
+from wearscope.errors import InputError
 from wearscope.storage.checksums import record_checksums
 from wearscope.storage.files import (
     check_plain,
@@ -39,7 +39,7 @@ from wearscope.storage.files import (
     write_text,
     write_whole,
 )
-from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.plain_yaml import read_mapping
 from wearscope.storage.provenance import describe_provenance
 
 
@@ -219,7 +219,9 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     list of str
         Lines of the configuration that were refused.
     """
-    stated = read_settings(place / CONFIG) if CONFIG in manifest.files else None
+    stated = None
+    if CONFIG in manifest.files:
+        stated = read_mapping((place / CONFIG).read_bytes(), CONFIG, "get the file again")
     settings = drop_retired(manifest.config if stated is None else stated)
     kept, refused = (settings, []) if allow_code else refuse_code(settings)
     if kept != stated:
@@ -241,25 +243,6 @@ def _describe(content: bytes) -> FileEntry:
 
 #: Put before the path of code, so that the configuration is refused until the user has written it again.
 REFUSED = "refused, read it first: "
-
-
-def read_settings(path: Path) -> dict[str, Any]:
-    """Configuration of an unpacked archive.
-
-    Raises
-    ------
-    InputError
-        Where it holds no plain settings.
-    """
-    try:
-        settings = load_plain_yaml(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{path.name}: is no configuration ({explain_yaml(error)}); get the file again."
-        ) from None
-    if not isinstance(settings, dict):
-        raise InputError(f"{path.name}: holds no settings; get the file again.")
-    return settings
 
 
 def refuse_code(settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:

@@ -10,7 +10,7 @@ from wearscope.checking.robot import USUAL
 from wearscope.cycles.base import load_cycle, required_torque
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.effects.base import Signals, load_effect
-from wearscope.errors import Findings, InputError, describe
+from wearscope.errors import Findings, InputError, tell_error
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_cycle
 
@@ -59,8 +59,7 @@ def check_detector(path: str) -> Findings:
             for wear in (0.0, 50.0)
         )
     except (Exception, SystemExit) as error:
-        told = f"raised {type(error).__name__} on a recording of 'medium': {describe(error)}"
-        found.add(f"{path}: {told}; correct the file.")
+        found.add(f"{path}: on a recording of 'medium' it raised {tell_error(error)}; correct the file.")
         return found
     if not np.all(np.isfinite([*healthy, *worn])):
         found.add(

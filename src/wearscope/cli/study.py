@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 
 from wearscope.cli.progress import say
-from wearscope.errors import InputError, escape_text, explain_yaml
+from wearscope.errors import InputError, escape_text
 from wearscope.home import find_home
 from wearscope.robots.model_file import read_text
 from wearscope.storage.files import digest_file, read_json, write_text
-from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.plain_yaml import read_mapping
 
 #: Values of `allow_code` that allow nothing.
 _FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")
@@ -187,12 +186,7 @@ def read_yaml(path: Path) -> dict:
     InputError
         Where it is none.
     """
-    try:
-        content = load_plain_yaml(read_text(path, "a configuration, which is a YAML file"))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: holds no settings; write them as 'name: value'.")
+    content = read_mapping(read_text(path, "a configuration, which is a YAML file"), str(path))
     if "__use_yte__" in content:
         raise InputError(f"{path}: __use_yte__ lets code in the file run; write values out and remove it.")
     return content

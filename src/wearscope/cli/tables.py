@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 from wearscope.processes import bound_memory
 from wearscope.reporting.labels import COLUMNS, with_unit
 from wearscope.storage import tables
@@ -43,8 +43,7 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     except InputError:
         raise
     except (OSError, ValueError, TypeError, AttributeError, RecursionError, pa.ArrowException) as error:
-        told = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: cannot be read as a table ({told}); make it again.") from error
+        raise InputError(f"{path}: cannot be read as a table ({describe(error)}); make it again.") from error
 
 
 def _read(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:

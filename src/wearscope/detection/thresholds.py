@@ -12,8 +12,8 @@ from scipy import stats
 
 from wearscope import plugins
 from wearscope.detectors.base import Array, Batch, Detector, make_detector
-from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector, tell_error
-from wearscope.errors import InputError
+from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector
+from wearscope.errors import InputError, tell_error
 from wearscope.robots.model import RobotModel
 
 #: Number of wear levels at which the probability density of the wear is evaluated.

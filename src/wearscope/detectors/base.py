@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wearscope import plugins
-from wearscope.errors import InputError
+from wearscope.errors import InputError, tell_error
 
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
@@ -160,7 +160,7 @@ def make_detector(factory: Any, reference: str, options: Mapping[str, Any] | Non
         detector = factory(**options)
     except Exception as error:
         raise InputError(
-            f"{reference}: the detector refuses its options {options} ({type(error).__name__}: {error}); "
+            f"{reference}: the detector refuses its options {options} ({tell_error(error)}); "
             "give options that it has."
         ) from error
     for method in ("fit", "test_quantity"):

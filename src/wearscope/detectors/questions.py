@@ -10,7 +10,7 @@ import numpy as np
 
 from wearscope import plugins
 from wearscope.detectors.base import Batch, Detector, load_detector, make_detector
-from wearscope.errors import InputError
+from wearscope.errors import InputError, tell_error
 from wearscope.supervision import ProcessLost, run_supervised
 
 if TYPE_CHECKING:
@@ -248,8 +248,3 @@ def ask_detector(detector: Detector, batch: Batch, where: str) -> Answer:
         )
     y = float(number)
     return (y, OK) if math.isfinite(y) else (math.nan, f"returned {y}")
-
-
-def tell_error(error: BaseException) -> str:
-    """Kind and message of an error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-import yaml
 from markupsafe import escape
 
 from wearscope.designs.factors import Factor
 from wearscope.errors import InputError
 from wearscope.storage import tables
 from wearscope.storage.files import read_json
+from wearscope.storage.plain_yaml import read_mapping
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -244,8 +244,7 @@ def _let_notebook_show_figures() -> None:
 def _find_results(folder: Path) -> Path:
     config = folder / "config" / "config.yaml"
     if config.is_file():
-        content = yaml.safe_load(config.read_text(encoding="utf-8"))
-        name = content.get("study") if isinstance(content, dict) else None
+        name = read_mapping(config.read_bytes(), str(config)).get("study")
         if not isinstance(name, str):
             raise InputError(f"{config}: study: is missing; give the study a name.")
         folder = folder / "results" / name

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from wearscope.errors import InputError
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
-from wearscope.reporting.labels import count_text
+from wearscope.reporting.labels import count_text, join_words, upper_first
 from wearscope.reporting.page_strip import Strip, unbreak
 from wearscope.storage.files import load_json
 
@@ -63,7 +63,7 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.filters["unbreak"] = unbreak
-    made.globals |= {"badge": badge, "count_text": count_text}
+    made.globals |= {one.__name__: one for one in (badge, count_text, join_words, upper_first)}
     return made
 
 
@@ -76,6 +76,12 @@ def say(template: str, macro: str, *given: Any) -> Markup:
     """Sentences of a macro of one of the package's templates, on one line."""
     text = getattr(environment().get_template(template).module, macro)(*given)
     return Markup(" ".join(str(text).split()))
+
+
+def say_lines(template: str, macro: str, *given: Any) -> list[Markup]:
+    """Lines of such a macro that have text, a sentence each."""
+    text = str(getattr(environment().get_template(template).module, macro)(*given))
+    return [Markup(" ".join(line.split())) for line in text.split("\n") if line.strip()]
 
 
 def render_part(**given: Any) -> Markup:

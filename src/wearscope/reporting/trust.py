@@ -1,6 +1,7 @@
 """How far the answers can be trusted: fits, audit, failed points."""
 
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,45 +9,44 @@ import pandas as pd
 from markupsafe import Markup
 
 from wearscope.reporting.labels import PARAMETERS, count_text, factor_name, finite, join_words, words
-from wearscope.reporting.page import format_number, interval_text, say
+from wearscope.reporting.page import format_number, interval_text, say, say_lines
 from wearscope.reporting.study import Study
 
 CHOSEN = "chosen"
+_WORDS = "study/trust_words.html"
 #: Path of the number that own studies double (`starters.study`), with the study's direct question.
 _COULOMB = "effects.friction_wear_temperature.all.eta0 %"
 POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
 
 
-def tell_trust(study: Study) -> list[str]:
+def tell_trust(study: Study) -> list[Markup]:
     """Sentences on how far the answers can be trusted, the most important first."""
     asked = [*audit_outcome(study), *direct_outcome(study)]
     lost = [*failed_simulations(study), *ask_moved(study)]
     return [surrogate_quality(study), *asked, *lost]
 
 
-def doubts(study: Study) -> list[str]:
+def doubts(study: Study) -> list[Markup]:
     """Detectors whose answers to Q-2 and Q-3 rest on surrogates that do not hold, each with the reason."""
-    sentences = []
     model, runs, rows = _asked_fits(study)
+    judged = []
     for fda, fits in rows.groupby("fda", sort=True)["fit"]:
-        reasons, withheld = [], fda in study.withheld()
-        middle = float(np.median(finite(fits))) if finite(fits).size else np.inf
-        if middle < POOR_FIT:
-            reasons.append(f"its {model} fits the {runs} runs to {format_number(middle, 2)} % in the median")
+        name, withheld, fit, held = study.detector_name(fda), fda in study.withheld(), _median(fits), ""
         if study.audit is not None:
             good = study.audit[(study.audit["fda"] == fda) & ~study.audit["failed"]]["inside"]
-            if withheld or (len(good) and good.mean() < 0.5):
-                reasons.append(f"the audit held {_share(good, 'value')}")
-        what = "Withheld are" if withheld else "Do not trust"
-        if reasons:
-            name = study.detector_name(fda)
-            sentences.append(f"{what} signal-to-noise ratio and scope of {name}: {' and '.join(reasons)}.")
-    answers = study.audit_answers
-    if answers is not None and (answers["answer"] == "not audited").any():
+            held = _share(good, "value") if withheld or (len(good) and good.mean() < 0.5) else ""
+        poor = format_number(fit, 2) if fit < POOR_FIT else ""
+        judged.append(SimpleNamespace(name=name, withheld=withheld, fit=poor, held=held))
+    answers, left = study.audit_answers, ""
+    if answers is not None:
         left = study.join_detectors(answers.loc[answers["answer"] == "not audited", "fda"])
-        sentences.append(f"Not audited, as every value failed: {left}.")
-    return sentences
+    return say_lines(_WORDS, "doubts", judged, model, runs, left)
+
+
+def _median(fits: pd.Series) -> float:
+    """Median of the finite fits; NaN without any."""
+    return float(np.median(finite(fits))) if finite(fits).size else np.nan
 
 
 def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
@@ -58,33 +58,24 @@ def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
     return f"{model} model", runs, study.validation[study.validation["model"] == model]
 
 
-def audit_outcome(study: Study) -> list[str]:
+def audit_outcome(study: Study) -> list[Markup]:
     """Result of checking the surrogates by direct simulation, or that nobody asked for it."""
-    if study.audit is None or study.audit.empty:
-        return ["Not audited: the study has no direct simulation to hold the surrogates against."]
-    audit = study.audit
+    audit, verdicts = study.audit, study.audit_verdicts
+    if audit is None or audit.empty:
+        return say_lines(_WORDS, "audit", None)
     good, failed = audit[~audit["failed"]], audit[audit["failed"]]
-    far = good[good["extrapolated"]]
-    where = f"; where it extrapolates, {_share(far['inside'], 'value')}" if len(far) else ""
-    if len(far) == len(good):
-        where = "; it extrapolates at all of them"
-    sentences = [
-        f"Simulated directly at {count_text(audit['point'].nunique(), 'point')}, "
-        f"{_share(good['inside'], 'value')} lie within the surrogate's 95 % prediction interval{where}."
-    ]
-    by_detector = [
-        f"{study.detector_name(fda)} {_share(rows)}" for fda, rows in good.groupby("fda", sort=True)["inside"]
-    ]
-    if len(by_detector) > 1:
-        sentences.append(f"By detector: {', '.join(by_detector)}.")
-    if len(failed):
-        reason = failed["status"].iloc[0] if "status" in failed else ""
-        why = f" (first: {reason})" if reason else ""
-        sentences.append(f"Failed and left out: {count_text(len(failed), 'audited value')}{why}.")
-    verdicts = study.audit_verdicts
-    if verdicts is None or verdicts.empty:
-        return [*sentences, "No scope verdict could be checked directly."]
-    return [*sentences, f"{_share(verdicts['agrees'], 'scope verdict')} checked in that way agree."]
+    far, by_detector = good[good["extrapolated"]], good.groupby("fda", sort=True)["inside"]
+    found = SimpleNamespace(
+        points=audit["point"].nunique(),
+        inside=_share(good["inside"], "value"),
+        far=_share(far["inside"], "value") if len(far) else "",
+        every_far=len(far) == len(good),
+        detectors=[f"{study.detector_name(fda)} {_share(rows)}" for fda, rows in by_detector],
+        failed=len(failed),
+        reason=failed["status"].iloc[0] if len(failed) and "status" in failed else "",
+        agreeing="" if verdicts is None or verdicts.empty else _share(verdicts["agrees"], "scope verdict"),
+    )
+    return say_lines(_WORDS, "audit", found)
 
 
 def _share(flags: pd.Series, noun: str = "") -> str:
@@ -99,18 +90,13 @@ def tell_snr(row: Any, kind: str) -> str:
     return interval_text(*(getattr(row, name) for name in (f"snr_{kind}", f"{kind}_low", f"{kind}_high")))
 
 
-def direct_outcome(study: Study) -> list[str]:
+def direct_outcome(study: Study) -> list[Markup]:
     """For how many detectors direct simulation agrees with the surrogate; [] where it was not asked."""
     table = study.direct
     if table is None or table.empty:
         return []
-    known = table["agrees"].dropna().astype(bool)
-    runs = count_text(int(table["runs"].iloc[0]), "simulation")
-    return [
-        f"Simulated directly: {tell_cell(table.iloc[0])}, {runs} with and without wear. The interval of the "
-        f"signal-to-noise ratio overlaps the surrogate's for {int(known.sum())} of "
-        f"{count_text(len(known), 'detector')}."
-    ]
+    known, first = table["agrees"].dropna().astype(bool), table.iloc[0]
+    return say_lines(_WORDS, "direct", tell_cell(first), int(first["runs"]), int(known.sum()), len(known))
 
 
 def tell_cell(row: Mapping[str, Any]) -> str:
@@ -129,7 +115,7 @@ def tell_mismatch(study: Study) -> str:
     return join_words(told)
 
 
-def mismatch_outcome(study: Study, detectors: Sequence[str]) -> list[str]:
+def mismatch_outcome(study: Study, detectors: Sequence[str]) -> list[Markup]:
     """SNR of some detectors where the robot differs from their model; [] where it was not asked."""
     table = study.mismatch
     if table is None or table.empty:
@@ -138,10 +124,7 @@ def mismatch_outcome(study: Study, detectors: Sequence[str]) -> list[str]:
         f"{study.detector_name(row.fda)} {tell_snr(row, 'mismatch')} instead of {tell_snr(row, 'ideal')}"
         for row in table[table["fda"].isin(detectors)].itertuples()
     ]
-    return [
-        "SNR where the robot's friction differs from the law that the detectors hold, "
-        f"{tell_cell(table.iloc[0])}: {'; '.join(parts)}."
-    ]
+    return say_lines(_WORDS, "mismatch", tell_cell(table.iloc[0]), parts)
 
 
 def assumed_robots(study: Study) -> list[str]:
@@ -158,36 +141,26 @@ def tell_basis(study: Study) -> str:
 def tell_assumed(study: Study, detector: str) -> str:
     """Robots with assumed numbers and what that may change; empty where there are none."""
     assumed = assumed_robots(study)
-    if not assumed:
-        return ""
-    moved = tell_moved(study, detector)
-    if len(assumed) == len(study.sources):
-        return f"It holds for a robot with the numbers assumed for {join_words(assumed)}. {moved}"
-    return f"{join_words(assumed)} {'has' if len(assumed) == 1 else 'have'} assumed numbers. {moved}"
+    every = len(assumed) == len(study.sources)
+    return say(_WORDS, "assumed", assumed, every, tell_moved(study, detector))
 
 
 def tell_moved(study: Study, detector: str) -> str:
     """Change of a detector's SNR where the robot differs from the assumptions, or how to ask for it."""
     table = study.mismatch
-    rows = table[table["fda"] == detector] if table is not None else None
-    if rows is None or rows.empty:
-        return "Whether it moves if friction is doubled is not judged; the part on trust has the command."
-    row = next(rows.itertuples())
-    return (
-        f"With {tell_mismatch(study)}, {study.detector_name(detector)} has a signal-to-noise ratio of "
-        f"{tell_snr(row, 'mismatch')} instead of {tell_snr(row, 'ideal')}, at "
-        f"{words(row.cycle)}, axis {row.axis}."
-    )
+    known = () if table is None else table[table["fda"] == detector].itertuples()
+    for row in known:
+        told = tell_snr(row, "mismatch"), tell_snr(row, "ideal"), f"{words(row.cycle)}, axis {row.axis}"
+        return say(_WORDS, "moved", tell_mismatch(study), study.detector_name(detector), *told)
+    return say(_WORDS, "moved")
 
 
 def ask_moved(study: Study) -> list[Markup]:
     """Commands that ask what half or double the friction changes, where it is assumed and not asked yet."""
     if not assumed_robots(study) or _COULOMB in study.config["direct"]["mismatch"]:
         return []
-    setting = f'direct.mismatch={{"{_COULOMB}": SHARE}}'
-    command = f"wearscope run {study.config['study']} --set '{setting}'"
-    text = "Some numbers are assumed. To see what double the friction changes, run {}; −50 is half of it."
-    return [Markup(text).format(Markup("<code>{}</code>").format(command.replace("SHARE", "100")))]
+    setting = f'direct.mismatch={{"{_COULOMB}": 100}}'
+    return say_lines(_WORDS, "ask_moved", study.config["study"], setting)
 
 
 def contradicted(study: Study, detector: str) -> str:
@@ -196,25 +169,18 @@ def contradicted(study: Study, detector: str) -> str:
         return ""
     table = study.direct[(study.direct["fda"] == detector) & (study.direct["agrees"] == 0)]
     for row in table.itertuples():
-        return (
-            f"Directly simulated, its SNR at {words(row.cycle)}, axis {row.axis} is "
-            f"{tell_snr(row, 'direct')}; the surrogate says {format_number(row.snr_surrogate)}. The direct "
-            "value is the answer there."
-        )
+        there, surrogate = f"{words(row.cycle)}, axis {row.axis}", format_number(row.snr_surrogate)
+        return say(_WORDS, "contradicted", there, tell_snr(row, "direct"), surrogate)
     return ""
 
 
-def failed_simulations(study: Study) -> list[str]:
+def failed_simulations(study: Study) -> list[Markup]:
     """Number of points whose simulation failed, where and why; [] without any."""
     failed = study.failed_simulations
     if failed.empty:
         return []
     first = failed.iloc[0]
-    return [
-        f"{count_text(len(failed), 'simulation')} failed, the first at {first['robot']}, "
-        f"{words(first['cycle'])}, {first['set']} point {first['point']}: {first['reason']}. No detector has "
-        "a value there; surrogates, validation and all that follows rest on the other points."
-    ]
+    return say_lines(_WORDS, "failed", len(failed), first, words(first["cycle"]))
 
 
 def dropped_factors(study: Study) -> list[str]:
@@ -234,29 +200,27 @@ def count_failed(study: Study) -> list[str]:
     return [] if study.failures.empty else [f"{total} failed: left out, never counted as zero."]
 
 
-def surrogate_quality(study: Study) -> str:
+def surrogate_quality(study: Study) -> Markup:
     """How well the surrogate that answers fits the runs that check it."""
     model, runs, rows = _asked_fits(study)
     good = finite(rows["fit"])
-    if not good.size:
-        return f"The {model} has no fit on the {runs} runs in any cell."
-    missing = f" It is n/a in {count_text(len(rows) - good.size, 'cell')}." if len(rows) > good.size else ""
-    medians = [
-        f"{study.detector_name(fda)} {format_number(float(np.median(finite(fits))), 2)} %"
-        if finite(fits).size
-        else f"{study.detector_name(fda)} n/a"
-        for fda, fits in rows.groupby("fda", sort=True)["fit"]
-    ]
-    text = f"Median fit of the {model} on the {runs} runs: {', '.join(medians)}. "
-    text += f"The lowest fit is {format_number(float(good.min()))} %. It is "
-    if "state" not in rows:
-        poor = int((good < POOR_FIT).sum())
-        return f"{text}below {POOR_FIT:g} % in {poor} of {count_text(good.size, 'cell')}.{missing}"
-    goal = study.config["surrogates"]["filling"]["goal"]
-    reached, ceiling, short = (
-        int((rows["state"] == one).sum()) for one in ("reached", "at ceiling", "short")
+    medians = rows.groupby("fda", sort=True)["fit"].agg(_median)
+    found = SimpleNamespace(
+        model=model,
+        runs=runs,
+        cells=good.size,
+        missing=len(rows) - good.size,
+        medians=[
+            f"{study.detector_name(fda)} {format_number(fit, 2)}{'' if np.isnan(fit) else ' %'}"
+            for fda, fit in medians.items()
+        ],
+        lowest=format_number(float(good.min(initial=np.inf))),
+        poor_fit=f"{POOR_FIT:g}",
+        poor=int((good < POOR_FIT).sum()),
+        goal=f"{study.config['surrogates']['filling']['goal']:g}",
+        states=None,
     )
-    text += f"{goal:g} % or more in {reached} of {count_text(good.size, 'cell')}"
-    text += f", in {ceiling} more as far as the noise of a run allows" if ceiling else ""
-    text += f". In {count_text(short, 'cell')} the points did not suffice" if short else ""
-    return f"{text}.{missing}"
+    if "state" in rows:
+        states = {"reached": "reached", "ceiling": "at ceiling", "short": "short"}
+        found.states = {key: int((rows["state"] == state).sum()) for key, state in states.items()}
+    return say(_WORDS, "quality", found)

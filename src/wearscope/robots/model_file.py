@@ -5,13 +5,11 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from wearscope import limits, plugins
-from wearscope.errors import InputError, explain_yaml
+from wearscope.errors import InputError
 from wearscope.home import find_home
 from wearscope.storage.files import check_plain
-from wearscope.storage.plain_yaml import load_plain_yaml
+from wearscope.storage.plain_yaml import read_mapping
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
 
@@ -78,12 +76,7 @@ def read_model_file(path: Path) -> dict[str, Any]:
     """
     if path.suffix.lower() == ".urdf":
         raise InputError(f"{path}: is a URDF; make a robot of it first: wearscope new robot {path}.")
-    try:
-        fields = load_plain_yaml(read_text(path, "the robot's model file"))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not readable YAML ({explain_yaml(error)}); correct it.") from None
-    if not isinstance(fields, dict):
-        raise InputError(f"{path}: holds no mapping; write the model's fields as 'key: value'.")
+    fields = read_mapping(read_text(path, "the robot's model file"), str(path))
     if not all(isinstance(key, str) for key in fields):
         raise InputError(f"{path}: a key is no text; write the model's fields as 'key: value'.")
     if not isinstance(fields.get("urdf"), str):

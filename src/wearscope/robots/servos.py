@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_breach
 
 #: Columns that each law reads next to the position.
 COLUMNS = {"voltage": ("goal",), "duty": ("duty",), "current": ("current",)}
@@ -119,8 +119,8 @@ def read_servo(where: str, stated: dict[str, Any]) -> ServoFields:
         if first["type"] == "extra_forbidden":
             known = ", ".join(ServoFields.model_fields)
             raise InputError(f"{where}: there is no field '{name}'; choose from {known}.") from error
-        told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
-        raise InputError(f"{where}: {name} {told}, but is {str(first['input'])[:40]}; correct it.") from error
+        told = f"{explain_breach(error)}, but is {str(first['input'])[:40]}"
+        raise InputError(f"{where}: {told}; correct it.") from error
     for name in CONSTANTS[servo.law]:
         if getattr(servo, name) is None:
             raise InputError(f"{where}: law {servo.law} needs {name}, which is missing; state it.")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from wearscope.cycles.base import Cycle, Reference, check_reference
-from wearscope.errors import InputError, SelfTestError, SimulationError
+from wearscope.errors import InputError, SelfTestError, SimulationError, tell_error
 from wearscope.robots.model import RobotModel, check_effects, check_temperature
 from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, set_numbers
 from wearscope.simulation.chunk import DEFAULT_DWELL
@@ -118,8 +118,8 @@ def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, s
             raise
         except (Exception, SystemExit) as problem:
             raise InputError(
-                f"test-cycle '{label}' on robot '{model.name}': build raised {type(problem).__name__}: "
-                f"{' '.join(str(problem).split())}; correct the test-cycle."
+                f"test-cycle '{label}' on robot '{model.name}': build raised "
+                f"{tell_error(problem)}; correct the test-cycle."
             ) from problem
         check_reference(
             reference,

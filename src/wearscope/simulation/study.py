@@ -8,7 +8,7 @@ import numpy as np
 
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
-from wearscope.errors import InputError, SelfTestError, SimulationError
+from wearscope.errors import InputError, SelfTestError, SimulationError, tell_error
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel, check_temperature
 from wearscope.robots.numbers import SAMPLE_RATE, Number, find_number, is_detectors, set_numbers
@@ -364,4 +364,4 @@ def _run_or_fail(
         return error
     except PHYSICS_ERRORS as error:
         simulator.renew_world()
-        return SimulationError(" ".join(f"{type(error).__name__}: {error}".split()))
+        return SimulationError(tell_error(error))

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, Field, ValidationError
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe, explain_breach
 from wearscope.storage.files import DamagedFile, read_json
 from wearscope.storage.tables import check_unpacked
 
@@ -97,9 +97,8 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
     except (pa.ArrowException, OSError, ValueError, TypeError, AttributeError, KeyError) as error:
         if isinstance(error, InputError) and not isinstance(error, DamagedFile):
             raise
-        told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(
-            f"{path}: cannot be read as a LeRobot data set ({told}); download it again."
+            f"{path}: cannot be read as a LeRobot data set ({describe(error)}); download it again."
         ) from error
     if not len(table):
         raise InputError(f"{path}: holds no rows; download the data set whole.")
@@ -131,8 +130,7 @@ def _read_features(path: Path) -> dict[str, _Feature]:
     try:
         return _Info.model_validate(read_json(file)).features
     except ValidationError as error:
-        first = error.errors()[0]
-        told = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        told = explain_breach(error)
         raise InputError(f"{file}: cannot be read ({told}); download the data set again.") from None
 
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from scipy.io import loadmat, whosmat
 
 from wearscope import limits
-from wearscope.errors import InputError, escape_text, need
+from wearscope.errors import InputError, describe, escape_text, need
 from wearscope.processes import bound_memory
 from wearscope.starters.lerobot import doubt_angles, is_lerobot, read_lerobot
 from wearscope.starters.states import spread_states
@@ -142,7 +142,7 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
     except (InputError, MemoryError):
         raise
     except (*_BROKEN, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
-        told = " ".join(str(error).split())[:200].rstrip(".")
+        told = describe(error)
         if told.endswith("out of memory"):  # as pandas says it
             raise MemoryError from None
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
@@ -274,8 +274,8 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     except (InputError, MemoryError):
         raise
     except Exception as error:  # readers raise many kinds of errors on a broken bag
-        told = " ".join(str(error).split())[:200].rstrip(".")
-        raise InputError(f"{path}: cannot be read as a ROS 2 bag ({told}); copy it again, whole.") from error
+        told = f"cannot be read as a ROS 2 bag ({describe(error)})"
+        raise InputError(f"{path}: {told}; copy it again, whole.") from error
     if not rows:
         raise InputError(f"{path}: topic '{chosen}' holds no message; record it again.")
     frame = pd.DataFrame(rows)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 from wearscope.robots.spatial import Array
 from wearscope.starters.columns import find_time, says_time, split_name
 
@@ -66,7 +66,7 @@ def to_seconds(
         try:
             since = _read_dates(stamps, "raise")
         except (ValueError, TypeError) as error:
-            told = " ".join(str(error).split())[:120]
+            told = describe(error, 120)
             raise InputError(
                 f"{where}: is no number and no date ({told}); name the time with --time."
             ) from None

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 
 #: The disk is full, or its user's share of it is.
 FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -218,8 +218,7 @@ def read_json(path: str | Path, kind: type = dict) -> Any:
     try:
         content = load_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        told = " ".join(str(error).split())[:100]
-        raise InputError(f"{path}: is no JSON ({told}); make it again.") from None
+        raise InputError(f"{path}: is no JSON ({describe(error)}); make it again.") from None
     if not isinstance(content, kind):
         raise InputError(f"{path}: holds no fields; make it again.")
     return content

@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from wearscope import limits
+from wearscope.errors import InputError, explain_yaml, tell_error
 
 #: Tags that a value may carry; all others ask for more than plain values.
 _TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")}
@@ -49,8 +50,31 @@ def load_plain_yaml(text: str) -> Any:
     try:
         return yaml.load(text, _Loader)
     except _NO_VALUE as error:
-        told = " ".join(str(error).split())[:100]
-        raise yaml.YAMLError(f"a value in it is none of its kind ({type(error).__name__}: {told})") from None
+        raise yaml.YAMLError(f"a value in it is none of its kind ({tell_error(error)})") from None
+
+
+def read_mapping(content: str | bytes, where: str, remedy: str = "correct it") -> dict[str, Any]:
+    """Content of a YAML text that holds a mapping of fields.
+
+    Parameters
+    ----------
+    content : str or bytes
+    where : str
+        What messages call it.
+    remedy : str
+
+    Raises
+    ------
+    InputError
+        Where it is no text, no YAML (see `load_plain_yaml`), or no mapping.
+    """
+    try:
+        fields = load_plain_yaml(content if isinstance(content, str) else content.decode())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}: is not readable YAML ({explain_yaml(error)}); {remedy}.") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{where}: holds no mapping of fields, as 'name: value'; {remedy}.")
+    return fields
 
 
 def _check_bounds(text: str) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, describe
 from wearscope.storage.files import DamagedFile, write_text, write_whole
 
 __all__ = [
@@ -193,10 +193,8 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
     except MemoryError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise DamagedFile(
-            path, f"{path}: not a whole Parquet file ({reason}); delete it and make it again."
-        ) from error
+        told = f"{path}: not a whole Parquet file ({describe(error)}); delete it and make it again."
+        raise DamagedFile(path, told) from error
     return table
 
 
@@ -272,9 +270,8 @@ def to_frame(table: pa.Table, where: str | Path) -> Any:
     try:
         return table.to_pandas(ignore_metadata=True)
     except (pa.ArrowException, LookupError, ValueError, TypeError, OverflowError) as error:
-        told = " ".join(str(error).split())[:200].rstrip(".")
         raise InputError(
-            f"{where}: holds what no table of numbers and texts does ({told}); make it again."
+            f"{where}: holds what no table of numbers and texts does ({describe(error)}); make it again."
         ) from None
 
 

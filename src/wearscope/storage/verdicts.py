@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wearscope import limits
-from wearscope.errors import InputError
+from wearscope.errors import InputError, explain_breach
 from wearscope.storage.checksums import check_shown
 from wearscope.storage.files import read_json
 
@@ -69,10 +69,7 @@ def check_verdict(content: Any, where: str) -> dict[str, Any]:
     try:
         _Verdict.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        told = first["msg"].removeprefix("Value error, ").replace("Input should", "should")
-        raise InputError(f"{where}: is no verdict ({place}: {told}); make it again.") from None
+        raise InputError(f"{where}: is no verdict ({explain_breach(error)}); make it again.") from None
     return dict(content)
 
 
