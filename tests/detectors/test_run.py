@@ -9,12 +9,8 @@ import pandas as pd
 import pytest
 
 from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.run import (
-    DetectorSpec,
-    compute_test_quantities,
-    count_failures,
-    join_test_quantities,
-)
+from wearscope.detectors.questions import DetectorSpec
+from wearscope.detectors.run import compute_test_quantities, count_failures, join_test_quantities
 from wearscope.errors import InputError
 from wearscope.storage import tables
 

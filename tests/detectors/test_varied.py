@@ -7,7 +7,8 @@ import pytest
 from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import make_design
 from wearscope.detectors.base import Batch
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities, set_option, vary_options
+from wearscope.detectors.questions import DetectorSpec
+from wearscope.detectors.run import compute_test_quantities, set_option, vary_options
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 

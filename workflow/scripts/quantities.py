@@ -2,7 +2,8 @@
 
 from job import count_progress
 from wearscope.detectors.base import Batch
-from wearscope.detectors.run import DetectorSpec, compute_test_quantities
+from wearscope.detectors.questions import DetectorSpec
+from wearscope.detectors.run import compute_test_quantities
 from wearscope.simulation.chunk import check_failures, failure_table
 from wearscope.simulation.recording import read_points
 

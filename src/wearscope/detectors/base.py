@@ -185,6 +185,13 @@ def check_nominal(nominal: Sequence[Batch]) -> None:
             raise ValueError("a nominal batch holds samples that are not finite")
 
 
+def check_positive(detector: object, *names: str) -> None:
+    """Refuse an option of a detector that is not above zero with ValueError."""
+    for name in names:
+        if not getattr(detector, name) > 0:
+            raise ValueError(f"{name} must be positive")
+
+
 def check_sample_rate(batch: Batch, sample_rate: float) -> None:
     """Refuse a batch sampled at another rate than the nominal data (to `SAME_RATE`) with ValueError."""
     if abs(batch.sample_rate - sample_rate) > SAME_RATE * sample_rate:

@@ -1,7 +1,7 @@
 """Distance between torque distributions (detector B of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -45,11 +45,6 @@ class DistributionDistance:
     floor: float = 1e-3
     unit: ClassVar[str] = "nat"
     knows: ClassVar[str] = "nothing"
-    axis: int = field(default=0, init=False)
-    grid: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    kernel: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False, repr=False)
-    nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    width: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         if self.bandwidth is not None and not self.bandwidth > 0:

@@ -1,12 +1,12 @@
 """Change of the axis's friction as tracking estimates it (detector E of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
 from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque, find_top_speed
 
 #: Share of a column's information below which it cannot be told from the nominal friction's own uncertainty.
@@ -67,18 +67,9 @@ class FrictionChange:
     window: float = 0.03
     unit: ClassVar[str] = "torque"
     knows: ClassVar[str] = "nominal model"
-    axis: int = field(default=0, init=False)
-    model: Any = field(default=None, init=False, repr=False)
-    top_speed: float = field(default=0.0, init=False)
-    noise: float = field(default=1.0, init=False)
-    mean_columns: Array = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    mean: Array = field(default_factory=lambda: np.zeros(4), init=False, repr=False)
-    covariance: Array = field(default_factory=lambda: np.zeros((4, 4)), init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("payload_error", "low_speed_share", "rest_share", "row", "block", "window"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive")
+        check_positive(self, "payload_error", "low_speed_share", "rest_share", "row", "block", "window")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Estimate the nominal friction, its uncertainty and the noise."""

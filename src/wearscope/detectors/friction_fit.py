@@ -1,12 +1,12 @@
 """Friction-parameter estimate on the rigid-body residual (detector C of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
 from wearscope.detectors.motion import compute_joint_residual, find_top_speed
 
 
@@ -51,18 +51,11 @@ class FrictionFit:
     window: float = 0.03
     unit: ClassVar[str] = "torque"
     knows: ClassVar[str] = "nominal model"
-    axis: int = field(default=0, init=False)
-    model: Any = field(default=None, init=False, repr=False)
-    top_speed: float = field(default=0.0, init=False)
-    mean_regressors: Array = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
-    nominal: Array = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.weights) != 3:
             raise ValueError("weights needs 3 values: Coulomb, low-speed, viscous")
-        for name in ("low_speed_share", "rest_share", "window"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive")
+        check_positive(self, "low_speed_share", "rest_share", "window")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Estimate the nominal friction parameters, the mean over the nominal batches."""

@@ -1,7 +1,7 @@
 """Energy of the torque residual against a nominal torque signature (detector A of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -41,11 +41,6 @@ class ResidualEnergy:
     min_overlap: float = 0.5
     unit: ClassVar[str] = "1"
     knows: ClassVar[str] = "nothing"
-    axis: int = field(default=0, init=False)
-    signature: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    path: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    top_speed: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    sample_rate: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         if self.align not in ("start", "path"):

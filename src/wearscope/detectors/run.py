@@ -21,51 +21,6 @@ from wearscope.detectors.questions import OK, DetectorSpec, Questions, collect_a
 from wearscope.errors import InputError
 
 if TYPE_CHECKING:
-    from wearscope.detectors.questions import DetectorSpec
-
-
-def join_test_quantities(
-    chunks: Sequence[pa.Table], detectors: Sequence[str], axes: Sequence[int], max_failed_share: float
-) -> pa.Table:
-    """One table of chunks, in the order that `wearscope.detectors.run.compute_test_quantities` gives it.
-
-    Parameters
-    ----------
-    chunks : sequence of pyarrow.Table
-        What it gave for chunks of the sets, by set, in the order of their points.
-    detectors : sequence of str
-        Names in the column `fda`.
-    axes : sequence of int
-    max_failed_share : float
-        Largest share of a cell's points that may fail in each set.
-
-    Raises
-    ------
-    InputError
-        Where a chunk holds other cells than asked for, or a detector failed at more than the share.
-    """
-    cells = [(axis, fda) for axis in axes for fda in detectors]
-    joined = []
-    for number, (axis, fda) in enumerate(cells):
-        cell = pa.concat_tables(
-            one.slice(number * (one.num_rows // len(cells)), one.num_rows // len(cells)) for one in chunks
-        )
-        if not pc.all(pc.and_(pc.equal(cell["axis"], axis), pc.equal(cell["fda"], fda))).as_py():
-            raise InputError(f"a chunk holds no cell of axis {axis} and fda '{fda}'; compute it again.")
-        sizes = {row["values"]: row["counts"] for row in pc.value_counts(cell["set"]).to_pylist()}
-        robot, cycle = cell["robot"][0].as_py(), cell["cycle"][0].as_py()
-        where = f"fda '{fda}', robot {robot}, cycle {cycle}, axis {axis}"
-        check_failed_share(
-            cell.select(["set", "point", "status"]).to_pandas(), where, max_failed_share, sizes
-        )
-        joined.append(cell)
-    # In one piece, as if computed at once: the pages of the file depend on the pieces.
-    return pa.concat_tables(joined).combine_chunks()
-
-
-__all__ = ["NOT_SIMULATED", "OK", "DetectorSpec", "compute_test_quantities", "count_failures"]
-
-if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 #: Beginning of the status of a point that no detector could be evaluated at.
@@ -158,6 +113,45 @@ def compute_test_quantities(
     names = [factor.name for factor in factors]
     table = pd.concat(parts, ignore_index=True)
     return table[["robot", "cycle", "axis", "fda", "set", "point", *names, "y", "status"]]
+
+
+def join_test_quantities(
+    chunks: Sequence[pa.Table], detectors: Sequence[str], axes: Sequence[int], max_failed_share: float
+) -> pa.Table:
+    """One table of chunks, in the order that `wearscope.detectors.run.compute_test_quantities` gives it.
+
+    Parameters
+    ----------
+    chunks : sequence of pyarrow.Table
+        What it gave for chunks of the sets, by set, in the order of their points.
+    detectors : sequence of str
+        Names in the column `fda`.
+    axes : sequence of int
+    max_failed_share : float
+        Largest share of a cell's points that may fail in each set.
+
+    Raises
+    ------
+    InputError
+        Where a chunk holds other cells than asked for, or a detector failed at more than the share.
+    """
+    cells = [(axis, fda) for axis in axes for fda in detectors]
+    joined = []
+    for number, (axis, fda) in enumerate(cells):
+        cell = pa.concat_tables(
+            one.slice(number * (one.num_rows // len(cells)), one.num_rows // len(cells)) for one in chunks
+        )
+        if not pc.all(pc.and_(pc.equal(cell["axis"], axis), pc.equal(cell["fda"], fda))).as_py():
+            raise InputError(f"a chunk holds no cell of axis {axis} and fda '{fda}'; compute it again.")
+        sizes = {row["values"]: row["counts"] for row in pc.value_counts(cell["set"]).to_pylist()}
+        robot, cycle = cell["robot"][0].as_py(), cell["cycle"][0].as_py()
+        where = f"fda '{fda}', robot {robot}, cycle {cycle}, axis {axis}"
+        check_failed_share(
+            cell.select(["set", "point", "status"]).to_pandas(), where, max_failed_share, sizes
+        )
+        joined.append(cell)
+    # In one piece, as if computed at once: the pages of the file depend on the pieces.
+    return pa.concat_tables(joined).combine_chunks()
 
 
 def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
@@ -285,7 +279,7 @@ def set_option(
 
 
 def vary_options(
-    detectors: "Sequence[DetectorSpec]", designs: Mapping[str, pd.DataFrame], factors: Sequence[Factor]
+    detectors: Sequence[DetectorSpec], designs: Mapping[str, pd.DataFrame], factors: Sequence[Factor]
 ) -> dict[tuple[str, tuple[str, int]], dict[str, float]]:
     """Options that detectors have at each design point, by detector and (set, point).
 

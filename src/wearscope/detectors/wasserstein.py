@@ -1,13 +1,13 @@
 """Optimal-transport distance between torque distributions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.stats import wasserstein_distance
 
-from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.base import Batch, check_nominal
 
 
 @dataclass
@@ -22,8 +22,6 @@ class Wasserstein:
 
     unit: ClassVar[str] = "torque"
     knows: ClassVar[str] = "nothing"
-    axis: int = field(default=0, init=False)
-    nominal: Array = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Pool the nominal torques of the tested axis."""

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
 from wearscope.detectors.motion import (
     compute_joint_residual,
     compute_payload_torque,
@@ -20,7 +20,6 @@ from wearscope.detectors.wear_search import (
     FOUND,
     NOT_TOLD_APART,
     Form,
-    Law,
     evaluate_curves,
     pack_law,
     search_wear,
@@ -90,22 +89,9 @@ class WearTemperatureFit:
     max_iterations: int = 60
     unit: ClassVar[str] = "1"
     knows: ClassVar[str] = "simulator's law"
-    axis: int = field(default=0, init=False)
-    model: Any = field(default=None, init=False, repr=False)
-    law: dict[str, float] = field(default_factory=dict, init=False, repr=False)
-    packed: Law = field(default_factory=lambda: pack_law([]), init=False, repr=False)
-    rest_speed: float = field(default=0.0, init=False)
-    top_speed: float = field(default=0.0, init=False)
-    lowest: float = field(default=0.0, init=False)
-    grids: dict[float, "_Grid"] = field(default_factory=dict, init=False, repr=False)
-    nominal_wear: float = field(default=0.0, init=False)
-    varying: list[tuple[Effect, dict[str, float]]] = field(default_factory=list, init=False, repr=False)
-    steady: list[tuple[Effect, dict[str, float]]] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("rest_share", "window", "max_iterations"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive")
+        check_positive(self, "rest_share", "window", "max_iterations")
         if not self.temperature_limit > self.start_temperature:
             raise ValueError("temperature_limit must be above start_temperature")
 
@@ -115,7 +101,8 @@ class WearTemperatureFit:
         self.axis, self.model = axis, model
         joint = model.joints[axis]
         entries = [entry for entry in model.effects if entry.joint == joint]
-        self.varying, self.steady = [], []
+        self.varying: list[tuple[Effect, dict[str, float]]] = []
+        self.steady: list[tuple[Effect, dict[str, float]]] = []
         for entry in entries:
             effect = load_effect(entry.effect)
             if effect.row is None:
@@ -133,7 +120,7 @@ class WearTemperatureFit:
         self.rest_speed = self.rest_share * find_top_speed(nominal, axis)
         # All batches of a test-cycle are about as fast: one grid serves them.
         self.top_speed = 1.1 * max(float(np.abs(batch.qd[:, axis]).max()) for batch in nominal)
-        self.grids = {}
+        self.grids: dict[float, _Grid] = {}
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
     def _lowest_temperature(self) -> float:

@@ -1,13 +1,14 @@
 """The outcome of a closed loop in words: the verdict, its effects, the joints, the next measurement."""
 
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from wearscope.reporting.closed_loop import name_signal, number
-from wearscope.reporting.labels import UNKNOWN, count_text, effect_name, join_words, upper_first
-from wearscope.reporting.page import format_number
+from wearscope.reporting.labels import UNKNOWN, effect_name, join_words
+from wearscope.reporting.page import format_number, say
 
 Verdict = Mapping[str, Any]
 
@@ -19,8 +20,6 @@ SMALL = 1.0
 SLIGHT = 0.005
 #: Noise is told at the top of the page from this share of the torque on [%].
 LARGE = 10.0
-
-
 #: Colour of an effect's status after the test runs.
 STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
@@ -28,6 +27,11 @@ STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 _MOST_NAMES = 3
 #: Beginnings of the notes on a load that the refitted masses imitate, and on loads that differ by run.
 LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")
+
+
+def _say(macro: str, *given: Any) -> str:
+    """Sentences of a macro of this module's template, as plain text."""
+    return say("loop/words.html", macro, *given).striptags()
 
 
 def list_shared() -> set[str]:
@@ -57,16 +61,9 @@ def list_unexplained(verdict: Verdict, small: bool) -> list[str]:
 def tell_unexplained(verdict: Verdict, small: bool) -> str:
     """Sentence part on the joints with unexplained structure, size first; empty without such joints."""
     joints = list_unexplained(verdict, small)
-    if not joints:
-        return ""
-    who = join_words(joints) if len(joints) < 4 else f"{len(joints)} of {len(verdict['joints'])} joints"
     shares = [number(verdict["joints"][joint].get("left_percent")) for joint in joints]
-    most = "at most " if len(joints) > 1 else ""
-    size = f"{most}{format_number(max(shares), 2)} % of the torque" if np.isfinite(shares).all() else ""
-    if not size:
-        return f"{who} {'keeps' if len(joints) == 1 else 'keep'} something unexplained"
-    tail = "and its structure lies below the noise of a run" if small else "part of it unexplained"
-    return f"{size} is left at {who}, {tail}"
+    size = format_number(max(shares), 2) if joints and np.isfinite(shares).all() else ""
+    return _say("unexplained", joints, len(verdict["joints"]), size, small)
 
 
 def tell_noise(verdict: Verdict) -> str:
@@ -76,11 +73,7 @@ def tell_noise(verdict: Verdict) -> str:
         for joint, one in verdict["joints"].items()
         if one["state"] in ("explained", "corrected") and number(one.get("left_percent")) > LARGE
     }
-    if not shares:
-        return ""
-    most = "at most " if len(shares) > 1 else ""
-    size = f"{most}{format_number(max(shares.values()), 2)} % of the torque"
-    return f"{size} is left at {join_words(list(shares))}, as noise"
+    return _say("noise", list(shares), format_number(max(shares.values(), default=0.0), 2))
 
 
 def name_with_rivals(entry: Verdict) -> str:
@@ -100,51 +93,38 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         for one in verdict["verdict"]
         if one["status"] != "refuted" and (one["effect"] != UNKNOWN or is_in_model(one))
     ]
-    left, unjudged = tell_unexplained(verdict, small=False), joints_in(verdict, "not_judged")
-    said = [left] if left else []
-    said += [f"{join_words(unjudged)} {'is' if len(unjudged) == 1 else 'are'} not judged"] if unjudged else []
-    rest, load = join_words(said), tell_load(verdict)
-    nothing = "Nothing else that the" if load else "Nothing that the"
-    if not held and (said or load or doubt_masses(verdict)):
-        rest = rest or tell_unexplained(verdict, small=True) or tell_noise(verdict)
-        rest = f", and {rest}" if rest else ""
-        if left and not load:
-            return "bad", f"No effect that the test runs bear out was named{rest}."
-        masses = "" if said or load else " once its masses are refitted"
-        return "unsure", f"{load}{nothing} declared model lacks is seen{masses}{rest}."
+    left, load, noise = tell_unexplained(verdict, small=False), tell_load(verdict), tell_noise(verdict)
+    small = tell_unexplained(verdict, small=True)
+    rest = join_words([*filter(None, [left, _say("unjudged", joints_in(verdict, "not_judged"))])])
+    told = SimpleNamespace(left=left, load=load, noise=noise, small=small, rest=rest)
     if not held:
-        if small := tell_unexplained(verdict, small=True):
-            return "good", f"The declared model suffices within the noise of a run: {small}."
-        if noise := tell_noise(verdict):
-            return "unsure", f"Nothing that the declared model lacks is seen, but {noise}."
-        return "good", "The declared model suffices: nothing that it lacks is seen on these runs."
+        told.doubted = bool(rest or load or doubt_masses(verdict))
+        sure = not told.doubted and (small or not noise)
+        return "bad" if left and not load else "good" if sure else "unsure", _say("nothing", told)
     groups: dict[tuple[str, str, bool], list[Verdict]] = {}
     common = verdict.get("time_delay") or {"joints": []}
     seen = any(one["status"] == "confirmed" for one in held if one["effect"] == common.get("effect"))
     for one in held:
         alone = not list_shared().intersection((one["effect"], *one["equivalent"]))
-        told = effect_name(one["effect"]) if alone else name_with_rivals(one)
-        told = "a torque without a name" if one["effect"] == UNKNOWN else told
+        name = effect_name(one["effect"]) if alone else name_with_rivals(one)
+        name = "a torque without a name" if one["effect"] == UNKNOWN else name
         kept, sure = is_in_model(one), one["status"] == "confirmed"
         if one["joint"] in common["joints"] and one["effect"] == common.get("effect"):
-            told, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", seen
+            name, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", seen
         doubts = "" if sure else " (not confirmed)"
         doubts += "" if kept else " (left out of the corrected model)"
-        groups.setdefault((told, doubts, kept), []).append(one)
-    every = [f"{_tell_group(verdict, told, own)}{doubts}" for (told, doubts, _), own in groups.items()]
-    more_names = [f"and {len(every) - _MOST_NAMES} more"] if len(every) > _MOST_NAMES else []
-    lacks = "; ".join([*every[:_MOST_NAMES], *more_names])
-    gain = _tell_gain(verdict, [kept for *_, kept in groups])
-    text = f"{load}The declared model {'also ' if load else ''}lacks {lacks}. {gain}"
-    grown = _tell_growth(verdict)
-    certain = [
-        one["status"] == "confirmed" and is_in_model(one) and not one["equivalent"]
+        groups.setdefault((name, doubts, kept), []).append(one)
+    every = [f"{_tell_group(verdict, name, own)}{doubts}" for (name, doubts, _), own in groups.items()]
+    gain, growth = _tell_gain(verdict, [kept for *_, kept in groups]), _tell_growth(verdict)
+    certain = all(
+        one["effect"] != UNKNOWN
+        and one["status"] == "confirmed"
+        and is_in_model(one)
+        and not one["equivalent"]
         for one in held
-        if one["effect"] != UNKNOWN
-    ]
-    more = [upper_first(one) for one in (rest, tell_noise(verdict)) if one]
-    sure = len(certain) == len(held) and all(certain) and not grown and not more and not load
-    return "good" if sure else "unsure", ". ".join([f"{text}{grown}", *more]) + "."
+    )
+    kind = "good" if certain and not (growth or rest or noise or load) else "unsure"
+    return kind, _say("lacks", told, every, _MOST_NAMES, gain, growth)
 
 
 def _tell_group(verdict: Verdict, told: str, entries: Sequence[Verdict]) -> str:
@@ -174,9 +154,9 @@ def tell_rivals(verdict: Verdict) -> str:
 
 
 def tell_load(verdict: Verdict) -> str:
-    """Sentence on loads by run or in the place of refitted masses, with a space; empty without any."""
+    """Sentence on loads by run or in the place of refitted masses; empty without any."""
     known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
-    return f"{known[0]}. " if known else ""
+    return f"{known[0]}." if known else ""
 
 
 def doubt_masses(verdict: Verdict) -> str:
@@ -186,16 +166,10 @@ def doubt_masses(verdict: Verdict) -> str:
         return ""  # the body's error has a name
     if factors := verdict.get("torque_factors"):
         low, high = min(factors.values()), max(factors.values())
-        size = format_number(low) if high < 1.05 * low else f"{format_number(low)} to {format_number(high)}"
-        where = "" if len(factors) == len(verdict["joints"]) else f" at {join_words(list(factors))}"
-        told = (
-            "the payload, masses, torque constants or positions' scale are off, or a balancer is undeclared"
-        )
-        return f"Torques{where} are {size} times what the URDF's masses need: {told}."
-    if far := verdict.get("far_links"):
-        told = "a load is undeclared, or the URDF is wrong"
-        return f"Masses were refitted far from the URDF at {join_words(far)}: {told}."
-    return ""
+        sizes = [low] if high < 1.05 * low else [low, high]
+        joints = [] if len(factors) == len(verdict["joints"]) else list(factors)
+        return _say("torques", [format_number(size) for size in sizes], joints)
+    return _say("masses", verdict.get("far_links") or [])
 
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
@@ -206,31 +180,25 @@ def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
     return f" at {join_words(sorted(joints, key=every.index))}"
 
 
-def _changes(verdict: Verdict) -> list[tuple[float, str, float, float, str]]:
-    """Ratio of the errors, joint, error before, error after, unit, for joints that move on the test runs."""
+def _changes(verdict: Verdict) -> list[SimpleNamespace]:
+    """Errors before and after at the joints that move on the test runs; the largest fall first."""
     found = []
     for joint, one in verdict["joints"].items():
         before, after = number(one.get("rms_before")), number(one.get("rms_after"))
         if np.isfinite([before, after]).all() and before > 0:
-            found.append((after / before, joint, before, after, one["unit"]))
-    return found
+            sizes = {"ratio": after / before, "before": before, "after": after, "unit": one["unit"]}
+            found.append(SimpleNamespace(joint=joint, larger=one.get("error") == "larger", **sizes))
+    return sorted(found, key=lambda one: (one.ratio, one.joint))
 
 
 def falls_anywhere(verdict: Verdict) -> bool:
     """Whether a joint's error on the test runs falls by more than half a percent."""
-    return any(ratio <= 1.0 - SLIGHT for ratio, *_ in _changes(verdict))
+    return any(one.ratio <= 1.0 - SLIGHT for one in _changes(verdict))
 
 
 def _tell_growth(verdict: Verdict) -> str:
     """Where the error on the test runs grows; empty where it does not."""
-    larger = {joint for joint, one in verdict["joints"].items() if one.get("error") == "larger"}
-    worse = [one for one in _changes(verdict) if one[1] in larger and one[0] > 1.0 + SLIGHT]
-    if not worse:
-        return ""
-    ratio, joint, *_ = max(worse)
-    others = len(worse) - 1
-    also = f" (and at {count_text(others, 'other joint')} by less)" if others else ""
-    return f", but grows by {100 * (ratio - 1):.0f} % at {joint}{also}"
+    return _say("growth", [one for one in _changes(verdict) if one.larger and one.ratio > 1.0 + SLIGHT])
 
 
 def is_in_model(entry: Verdict) -> bool:
@@ -240,21 +208,7 @@ def is_in_model(entry: Verdict) -> bool:
 
 def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
     """Joint where the error on the test runs falls most with the effects that are kept."""
-    found = _changes(verdict)
-    if not found:
-        return "No joint moves on the test runs, so the correction is not judged"
-    ratio, joint, before, after, unit = min(found)
-    if not falls_anywhere(verdict):
-        return "On the test runs no joint's error falls by more than half a percent"
-    with_it = "With it" if sum(kept) == 1 else "With them"
-    if not any(kept):
-        with_it = "Without it" if len(kept) == 1 else "Without them"
-    elif not all(kept):
-        with_it = "With the others" if sum(kept) > 1 else "With the other one"
-    return (
-        f"{with_it}, the error on the test runs falls by up to {100 * (1 - ratio):.0f} %, at {joint} from "
-        f"{format_number(before)} to {format_number(after)} {unit}"
-    )
+    return _say("gain", next(iter(_changes(verdict)), None), falls_anywhere(verdict), kept)
 
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
@@ -287,11 +241,8 @@ def _percent(share: float, low: float, high: float) -> str:
 
 def tell_planted(verdict: Verdict, planted: Verdict) -> str:
     """Whether the verdict is what was planted in the simulated machine."""
-    entries, wanted = verdict["verdict"], planted.get("planted", [])
-    if not wanted:
-        return "Nothing was planted: " + ("so it should be." if not entries else "a false alarm.")
-    parts, right = [], []
-    for one in wanted:
+    entries, parts, right = verdict["verdict"], [], []
+    for one in planted.get("planted", []):
         accepted = set(one.get("accepted") or [one["effect"]])
         hits = [
             entry
@@ -302,31 +253,23 @@ def tell_planted(verdict: Verdict, planted: Verdict) -> str:
         found = "found" if hits else "did not find"
         parts.append(f"{effect_name(one['effect'])} at {one['joint']}, which the loop {found}")
     wrong = [f"{effect_name(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
-    tail = f" It named what was not planted: {join_words(wrong)}." if wrong else ""
-    return f"Planted was {join_words(parts)}.{tail}"
+    return _say("planted", parts, wrong)
 
 
 def tell_sizes(one: Verdict) -> str:
     """A joint's error before and after."""
     before, after, floor = (number(one.get(key)) for key in ("rms_before", "rms_after", "noise_floor"))
-    if not np.isfinite([before, after]).all():
-        return "the joint does not move on the test runs"
-    told = f"{format_number(before)} → " if abs(after - before) > 1e-6 * before else ""
-    noise = f", noise floor {format_number(floor)}" if floor == floor else ""
-    return f"{told}{format_number(after)} {one['unit']} RMS{noise}"
+    changed = abs(after - before) > 1e-6 * before
+    first, last, noise = map(format_number, (before, after, floor))
+    first = first if changed else ""
+    return _say("sizes", np.isfinite([before, after]).all(), first, last, one["unit"], noise)
 
 
 def tell_left(one: Verdict) -> str:
     """Size and evidence of unexplained structure; without any, what was not judged or is uncertain."""
-    if one["state"] == "unexplained":
-        if not one["depends_on"] and one["reason"].startswith("the test runs' error"):
-            return upper_first(one["reason"])  # there, its size is the error itself
-        noise = ", below the noise of a run" if is_small(one) else ""
-        size = f"{format_number(number(one['unexplained_rms']))} {one['unit']} RMS of it{noise}"
-        if one["depends_on"]:
-            return f"{size}{',' if noise else ''} {tell_why(one).removeprefix('it ')}"
-        return f"{size}: {tell_why(one)}"
-    return str(one["reason"])
+    size = format_number(number(one.get("unexplained_rms")))
+    why = tell_why(one) if one["state"] == "unexplained" else ""
+    return _say("left", one, size, is_small(one), why)
 
 
 def tell_why(one: Verdict) -> str:
@@ -346,19 +289,4 @@ def size_left(one: Verdict) -> str:
 
 def tell_measurement(entry: Verdict) -> str:
     """Advice on what to record next in a sentence or two."""
-    first, *others = map(effect_name, entry["names"])
-    rivals, runs = join_words(others, "or"), count_text(entry["runs"], "run")
-    power = "more than 0.99" if entry["power"] > 0.99 else format_number(entry["power"], 2)
-    if entry["power"] < PROMISED:
-        return (
-            f"None of the {entry['plans_compared']} motions that were compared separates {first} from "
-            f"{rivals} for sure. The best one does with probability {power}, after {runs}."
-        )
-    payload, warm = entry["payload"], entry["start_temperature"]
-    carried = "without a payload" if payload is None else f"with {format_number(payload['mass'])} kg"
-    start = "" if warm is None else f", started at {format_number(warm)} °C"
-    where = entry.get("table") or entry.get("cycle_file") or f"test-cycle {entry['cycle']}"
-    return (
-        f"Record {where} ({format_number(entry['seconds'])} s, {carried}{start}), {runs}. "
-        f"It separates {first} from {rivals} with probability {power}."
-    )
+    return _say("measurement", entry, [effect_name(name) for name in entry["names"]], PROMISED)

@@ -63,7 +63,8 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     made.filters["unbreak"] = unbreak
-    made.globals |= {one.__name__: one for one in (badge, count_text, join_words, upper_first)}
+    told = (badge, count_text, format_number, join_words, upper_first)
+    made.globals |= {one.__name__: one for one in told}
     return made
 
 
