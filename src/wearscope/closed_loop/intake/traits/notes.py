@@ -7,7 +7,7 @@ from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, tell
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
 from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
-from wearscope.closed_loop.intake.traits.search import LITTLE, Weighed
+from wearscope.closed_loop.intake.traits.search import LITTLE, REFUSE, Weighed
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Share of a torque's variance below which there is no friction in it.
@@ -21,8 +21,9 @@ _AWAY, _SURE = 2.0, 2.0
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
-    if PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",):
-        # A payload explains the same as a factor of the torques, and it can be weighed.
+    loaded = PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",)
+    if loaded and found.best.over(found.stated) < REFUSE:
+        # A payload explains about as much as a factor of the torques, and it can be weighed.
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
@@ -84,7 +85,10 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
 
 
 def _note_payload(prepared: Prepared, found: Weighed) -> None:
-    """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it."""
+    """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it.
+
+    A load that moves the last link's weight and adds next to none looks like another zero of the last joint.
+    """
     if PAYLOAD not in found.best.terms:
         return
     rows = found.best.fit.rows
@@ -94,10 +98,17 @@ def _note_payload(prepared: Prepared, found: Weighed) -> None:
     values, covariance = found.best.find_by_run(found.best.fit.groups[PAYLOAD])
     some = np.isin(np.unique(rows.run), numbers)
     more = (values[some].mean(axis=0) * size)[:4]
-    mass, error = float(more[0]), _SURE * float(np.sqrt(covariance[some, 0][:, some, 0].mean()) * size[0])
+    errors = [_SURE * size[k] * float(np.sqrt(covariance[some, k][:, some, k].mean())) for k in range(4)]
+    mass, error = float(more[0]), errors[0]
     stated = bodies[0].payload
     whole = more + (np.zeros(4) if stated is None else stated.parameters[:4])
     if np.linalg.norm(more[1:]) > _AWAY * reach * abs(mass) or error > abs(mass):
+        if np.any(np.abs(more[1:]) > errors[1:]):
+            prepared.notes.append(
+                f"{prepared.dataset.joints[-1]}: the last link's weight acts elsewhere than stated, or its "
+                "positions have another zero; these torques do not tell which. Compare a recorded position "
+                "with the robot's pose."
+            )
         return
     files = dict.fromkeys(prepared.runs[k].file for k in numbers.tolist())
     where, at = ("", "each run") if rows.loaded.all() else (f" in {', '.join(files)}", "each of them")
