@@ -209,7 +209,7 @@ def test_a_robot_may_borrow_wear_in_one_word_or_in_full(paper):
     assert load_config(paper).carry_over["medium"].effects == ["wear", "temperature"]
     paper["carry_over"] = {"medium": {"source": "large", "effects": ["wear"], "reference": 40}}
     assert load_config(paper).carry_over["medium"].reference == 40.0
-    refuse({**paper, "carry_over": {"arm": "large"}}, "carry_over.arm", "medium, large")
+    refuse({**paper, "carry_over": {"arm": "large"}}, "carry_over: arm", "medium, large")
     refuse({**paper, "carry_over": {"medium": {"source": "large", "effects": ["rust"]}}}, "carry_over.medium")
 
 

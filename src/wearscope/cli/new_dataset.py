@@ -1,6 +1,7 @@
 """`wearscope new dataset`."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -239,35 +240,35 @@ def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]
 
 def _name_option(problem: str) -> str:
     """A refusal that names command-line options instead of lines of a dataset.yaml that is not kept."""
-    turn = re.search(r'write "turned: \[(.*?)\]" in dataset.yaml', problem)
-    if turn is not None:
-        problem = problem.replace(turn[0], f"give --turn {turn[1].replace(' ', '')}")
-    problem = re.sub(r'write "time_scale: (\S+)" in dataset.yaml', r"give --time-scale \1", problem)
-    problem = re.sub(r'write "torque: (\w+)" in dataset.yaml', r"give --reading \1", problem)
-
-    problem = re.sub(r'write "gravity: \[(.*?)\]" below robot in dataset.yaml', _give_gravity, problem)
-    for found in re.finditer(r'write "(shift|scale)e?d: {(.*?)}" in dataset.yaml', problem):
-        told = " ".join(f"--{found[1]} {one.replace(': ', '=')}" for one in found[2].split(", "))
-        problem = problem.replace(found[0], f"give {told}")
     from wearscope.starters.mapped import DECLARED
 
     every = ",".join((*DECLARED, "time_delay"))
-    problem = problem.replace("or declare time_delay", f"or declare time_delay with --declare {every}")
-    problem = problem.replace("or leave the column out", "or leave it out with --velocity none")
-    problem = re.sub(r"convert it to the joint's (rad|m)\b", "give --position-unit, or --side motor", problem)
-    unit = "give torque on the joint side of the gear in N m (or N)"
-    problem = problem.replace(unit, f"{unit}, by --torque-constant or --torque-side motor")
-    problem = problem.replace("and not in turns", "and not in turns (those need --counts-per-turn 1)")
-    joint = re.search(r"'tau_(\S+)'", problem)
-    if joint is not None:
-        problem = problem.replace("leave the joint out", f"leave it out with --reading {joint[1]}=none")
+    remedies: dict[str, str | Callable[[re.Match[str]], str]] = {
+        r'write "turned: \[(.*?)\]" in dataset.yaml': lambda found: f"give --turn {_close_up(found[1])}",
+        r'write "time_scale: (\S+)" in dataset.yaml': r"give --time-scale \1",
+        r'write "torque: (\w+)" in dataset.yaml': r"give --reading \1",
+        r'write "gravity: \[(.*?)\]" below robot in dataset.yaml': (
+            lambda found: f"give --gravity {_close_up(found[1])}"
+        ),
+        r'write "(shift|scale)e?d: {(.*?)}" in dataset.yaml': lambda found: " ".join(
+            ["give", *(f"--{found[1]} {one.replace(': ', '=')}" for one in found[2].split(", "))]
+        ),
+        r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml': lambda found: " ".join(
+            ["give", *(f"--accept '{code}'" for code in yaml.safe_load(f"[{found[2]}]"))]
+        ),
+        "or declare time_delay": rf"\g<0> with --declare {every}",
+        "or leave the column out": "or leave it out with --velocity none",
+        r"convert it to the joint's (rad|m)\b": "give --position-unit, or --side motor",
+        r"give torque on the joint side of the gear in N m \(or N\)": (
+            r"\g<0>, by --torque-constant or --torque-side motor"
+        ),
+        "and not in turns": r"\g<0> (those need --counts-per-turn 1)",
+        r"'tau_(\S+)'(.*)leave the joint out": r"'tau_\1'\2leave it out with --reading \1=none",
+    }
+    for told, remedy in remedies.items():
+        problem = re.sub(told, remedy, problem)
+    return problem
 
-    def give(match: re.Match[str]) -> str:
-        codes = yaml.safe_load(f"[{match[2]}]")
-        return "give " + " ".join(f"--accept '{code}'" for code in codes)
 
-    return re.sub(r'(add|write) "accept: \[(.*)\]" (to|in) dataset.yaml', give, problem)
-
-
-def _give_gravity(match: re.Match[str]) -> str:
-    return f"give --gravity {match[1].replace(' ', '')}"
+def _close_up(values: str) -> str:
+    return values.replace(" ", "")

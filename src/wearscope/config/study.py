@@ -230,13 +230,6 @@ class StudyConfig(Section):
                 "factors: those of kind wear have different ranges, but the same simulations serve every "
                 "axis; give them one range, or test one axis"
             )
-        nuisances = [name for name in self.factors if name != "f"]
-        for name in self.scope.factors:
-            if name not in nuisances:
-                raise ValueError(
-                    f"scope.factors: {name} is no nuisance factor of this study; choose among "
-                    f"{', '.join(nuisances)}"
-                )
         for section in ("scope", "detect"):
             if getattr(self, section).p_f >= getattr(self, section).p_d:
                 raise ValueError(
@@ -253,18 +246,17 @@ class StudyConfig(Section):
             elif model not in self.surrogates.models:
                 raise ValueError(f"{section}.model: {model} is not among surrogates.models; add it there")
         names = [label(robot) for robot in self.robots], [label(cycle) for cycle in self.cycles]
-        for robot in self.carry_over:
-            if robot not in names[0]:
-                raise ValueError(
-                    f"carry_over.{robot}: there is no such robot in this study; choose among "
-                    f"{', '.join(names[0])}"
-                )
-        for cycle in self.reevaluate.cycles:
-            if cycle not in names[1]:
-                raise ValueError(
-                    f"reevaluate.cycles: {cycle} is no test-cycle of this study; choose among "
-                    f"{', '.join(names[1])}"
-                )
+        nuisances = [name for name in self.factors if name != "f"]
+        for where, what, asked, known in (
+            ("scope.factors", "nuisance factor", self.scope.factors, nuisances),
+            ("carry_over", "robot", self.carry_over, names[0]),
+            ("reevaluate.cycles", "test-cycle", self.reevaluate.cycles, names[1]),
+        ):
+            for one in asked:
+                if one not in known:
+                    raise ValueError(
+                        f"{where}: {one} is no {what} of this study; choose among {', '.join(known)}"
+                    )
         for field, labels in zip(("robots", "cycles"), names, strict=True):
             for one, times in Counter(labels).items():
                 if any(mark in one for mark in "{}\n/"):

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -149,15 +150,17 @@ def _refuse_many(points: int) -> None:
         )
 
 
-def _central_composite(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+def _composite(kind: str, factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    """Composite of a kind: levels of its cube and of its star points."""
     cube = fractional_factorial([f.name for f in factors], options.get("generators"))
-    cube_level = float(options.get("cube_level", 1.0))
-    return composite(cube * cube_level, float(options.get("star_level", 2.0)), _centre_points(options))
-
-
-def _face_centred(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
-    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
-    return composite(cube * CODED_HIGH, CODED_HIGH, _centre_points(options))
+    level, alpha = float(options.get("cube_level", 1.0)), _alpha(cube, options)
+    cube_level, star_level = {
+        "central_composite": (level, float(options.get("star_level", 2.0))),
+        "face_centred": (CODED_HIGH, CODED_HIGH),
+        "circumscribed": (level, level * alpha),
+        "inscribed": (CODED_HIGH / alpha, CODED_HIGH),
+    }[kind]
+    return composite(cube * cube_level, star_level, _centre_points(options))
 
 
 def _alpha(cube: Array, options: dict[str, Any]) -> float:
@@ -167,17 +170,6 @@ def _alpha(cube: Array, options: dict[str, Any]) -> float:
     if value <= 0:
         raise InputError(f"design: alpha is {value}; give a positive star distance in cube units.")
     return value
-
-
-def _circumscribed(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
-    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
-    level = float(options.get("cube_level", 1.0))
-    return composite(cube * level, _alpha(cube, options) * level, _centre_points(options))
-
-
-def _inscribed(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
-    cube = fractional_factorial([f.name for f in factors], options.get("generators"))
-    return composite(cube * CODED_HIGH / _alpha(cube, options), CODED_HIGH, _centre_points(options))
 
 
 def _centre_points(options: dict[str, Any]) -> int:
@@ -212,12 +204,12 @@ def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: i
     return np.round(CODED_LOW + (CODED_HIGH - CODED_LOW) * sampler.random(points), 12)
 
 
-_COMPOSITE = {"generators", "centre_points"}
+_OPTIONS = {"generators", "centre_points"}
 KINDS: dict[str, tuple[Callable[[Sequence[Factor], dict[str, Any], int], Array], set[str]]] = {
-    "central_composite": (_central_composite, _COMPOSITE | {"cube_level", "star_level"}),
-    "face_centred": (_face_centred, _COMPOSITE),
-    "circumscribed": (_circumscribed, _COMPOSITE | {"alpha", "cube_level"}),
-    "inscribed": (_inscribed, _COMPOSITE | {"alpha"}),
+    "central_composite": (partial(_composite, "central_composite"), _OPTIONS | {"cube_level", "star_level"}),
+    "face_centred": (partial(_composite, "face_centred"), _OPTIONS),
+    "circumscribed": (partial(_composite, "circumscribed"), _OPTIONS | {"alpha", "cube_level"}),
+    "inscribed": (partial(_composite, "inscribed"), _OPTIONS | {"alpha"}),
     "full_factorial": (_full_factorial, {"levels"}),
     "fractional_factorial": (_fractional_factorial, {"generators", "cube_level"}),
     "latin_hypercube": (_latin_hypercube, {"points", "centred", "stream"}),

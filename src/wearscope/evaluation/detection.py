@@ -19,7 +19,7 @@ from wearscope.evaluation.sampled_scope import (
     tabulated_scope,
     weighted_threshold,
 )
-from wearscope.evaluation.scope import scope_quadratics, spread, tail_probability, threshold
+from wearscope.evaluation.scope import alarm_threshold, scope_quadratics, tail_probability
 from wearscope.surrogates.fitting import CELL
 from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.surrogate import Surrogate
@@ -198,10 +198,7 @@ def _detect(
     if isinstance(surrogate, ChosenSurrogate):
         return _detect_tabulated(Tabulated(surrogate, factor, levels, deltas, f0), sigmas, wanted)
     null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels)
-    scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
-    fixed = spread(null) <= scale
-    level = null[..., 0] + scale
-    h = np.where(fixed[:, None], level[:, None], threshold(null[:, None, :], wanted))
+    h = alarm_threshold(null[:, None, :], wanted)
     return h, tail_probability(alternatives[:, :, None, :], h[:, None, :])
 
 

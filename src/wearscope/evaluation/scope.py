@@ -231,11 +231,14 @@ def detection_probability(null: ArrayLike, alternative: ArrayLike, false_alarm: 
     array (...,)
         Where y does not vary under H0, the threshold lies just above that value, and P_d = P(y > it).
     """
-    null, alternative = np.asarray(null, dtype=float), np.asarray(alternative, dtype=float)
+    return tail_probability(alternative, alarm_threshold(null, false_alarm))
+
+
+def alarm_threshold(null: ArrayLike, false_alarm: ArrayLike) -> Array:
+    """Threshold (...,) that a false-alarm rate sets; just above y where y does not vary under H0 (..., 3)."""
+    null = np.asarray(null, dtype=float)
     scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
-    fixed = spread(null) <= scale
-    h = np.where(fixed, null[..., 0] + scale, threshold(null, false_alarm))
-    return tail_probability(alternative, h)
+    return np.where(spread(null) <= scale, null[..., 0] + scale, threshold(null, false_alarm))
 
 
 def along_operator(

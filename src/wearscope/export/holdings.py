@@ -294,11 +294,8 @@ def make_possible(parameters: Array) -> tuple[Inertia, float]:
 
 
 def _as_payload(body: Inertia) -> Payload:
-    x, y, z = body.com.tolist()
-    t = body.tensor
-    moments = (t[0, 0], t[0, 1], t[0, 2], t[1, 1], t[1, 2], t[2, 2])
-    xx, xy, xz, yy, yz, zz = (float(value) for value in moments)
-    return Payload(float(body.mass), (x, y, z), (xx, xy, xz, yy, yz, zz))
+    moments = body.tensor[np.triu_indices(3)].tolist()
+    return Payload(float(body.mass), tuple(body.com.tolist()), tuple(moments))
 
 
 def _refuse_negative(held: Holdings, model: RobotModel) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.designs.factors import Factor
 from wearscope.evaluation.scope import count_matrix
 from wearscope.reporting.findings import SMALL
 from wearscope.reporting.labels import (
@@ -146,16 +145,15 @@ def tolerances(study: Study, factor: str) -> list[Tolerance]:
 
 def effective_scope(study: Study) -> list[Markup]:
     """Answer to Q-3: on what share of the grid, by factor that varies, then how much the best tolerates."""
-    factors = [study.factor(name) for name in study.config["scope"]["factors"]]
-    groups = [(factor, tolerances(study, factor.name)) for factor in factors]
-    told = [_describe_scope(study, factor, found) for factor, found in groups if found]
+    groups = [(name, tolerances(study, name)) for name in study.config["scope"]["factors"]]
+    told = [_describe_scope(study, name, found) for name, found in groups if found]
     detected, false = (f"{100 * study.config['scope'][name]:g}" for name in ("p_d", "p_f"))
     return say_lines(_WORDS, "scope", told, detected, false)
 
 
-def _describe_scope(study: Study, factor: Factor, found: Sequence[Tolerance]) -> SimpleNamespace:
+def _describe_scope(study: Study, name: str, found: Sequence[Tolerance]) -> SimpleNamespace:
     """What the groups tolerate of a factor: shares of all, empty where each is zero, and the best's sigma."""
-    fault, best = study.factor("f"), found[0]
+    fault, factor, best = study.factor("f"), study.factor(name), found[0]
     sigma = format_number(best.sigma * factor.step, 2)
     return SimpleNamespace(
         factor=factor_name(factor),

@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from wearscope.evaluation.reevaluation import SURE, Reevaluation, best_detectors, judge_detector
 from wearscope.reporting.charts.study import chart_sides, side_table
-from wearscope.reporting.labels import count_text, join_words, name_term, with_unit, words
+from wearscope.reporting.labels import join_words, name_term, with_unit, words
 from wearscope.reporting.page import (
     Section,
     badge,
@@ -14,9 +14,12 @@ from wearscope.reporting.page import (
     render_page,
     render_part,
     render_table,
+    say,
+    say_lines,
 )
 from wearscope.reporting.page_strip import Strip
 
+_WORDS = "reevaluation/words.html"
 _KINDS = {"nearer": "good", "farther": "bad", "mixed": "unsure", "not certain": "neutral"}
 
 
@@ -50,13 +53,10 @@ def render_reevaluation(one: Reevaluation, chosen: pd.DataFrame) -> str:
 
 def _strip(one: Reevaluation) -> Strip:
     withheld = tell_withheld(one)
-    hidden = join_words([*_group_assumed(one)], "or")
-    own = f"No recording shows {hidden}: it is assumed, the same on every side."
-    if not one.assumed:
-        own = "It holds for the test-cycles and axes of this study."
+    caveat = withheld[0] if withheld else say(_WORDS, "rests", list(_group_assumed(one)))
     action = Markup('See <a href="#detectors">detector by detector</a>, then study the corrected model.')
     kind = "unsure" if withheld or not one.has_truth else "good"
-    return Strip(tell_headline(one), kind, count_truth(one), [*withheld, own][0], action)
+    return Strip(tell_headline(one), kind, count_truth(one), caveat, action)
 
 
 def snr_sides(one: Reevaluation) -> pd.DataFrame:
@@ -88,9 +88,7 @@ def draw_change(one: Reevaluation) -> Markup:
 
 def _summarise(one: Reevaluation) -> Markup:
     """What is withheld or assumed, and every SNR."""
-    told = [f"{name} at {join_words(joints)}" for name, joints in _group_assumed(one).items()]
-    assumed = f"Carried over, scaled to the joint's own friction: {'; '.join(told)}."
-    notes = [assumed] if one.assumed else []
+    notes = say_lines(_WORDS, "assumed", _group_assumed(one))
     return render_part(notes=notes, parts=[draw_change(one)], listed=tell_withheld(one))
 
 
@@ -164,68 +162,44 @@ def _ranks(one: Reevaluation) -> Markup:
 
 
 def _basis(one: Reevaluation, chosen: pd.DataFrame) -> Markup:
-    sentences = []
-    for row in one.models.itertuples():
-        text = "the model alone; nothing is known of its uncertainty"
-        if row.drawn or row.left_out:
-            text = f"{count_text(int(row.drawn), 'model')} drawn from what the data leave open"
-        if row.left_out:
-            text += f", {row.left_out} more left out (first: {row.first_reason.rstrip('.')})"
-        sentences.append(f"{row.side}: {text}.")
+    sentences = [say(_WORDS, "basis", row) for row in one.models.itertuples()]
     columns = "robot|side; axis; fda|detector; kind; fit; state; n_points|points"
     shown = chosen.assign(fda=chosen["fda"].replace(dict(one.names)), kind=chosen["kind"].map(words))
     table = render_table(shown, "Surrogates, with their fit [%] on checking points.", columns=columns)
     return render_part(listed=sentences) + table
 
 
-def tell_withheld(one: Reevaluation) -> list[str]:
+def tell_withheld(one: Reevaluation) -> list[Markup]:
     """Detectors whose surrogates miss their checks; [] where there is none."""
     rows = one.table[one.table["withheld"]].drop_duplicates(["cycle", "axis", "fda"])
-    if rows.empty:
-        return []
     cells = [f"{one.names.get(row.fda, row.fda)} on axis {row.axis}" for row in rows.itertuples()]
-    return [
-        f"Withheld, as its surrogate misses the points that it was checked on: {join_words(cells)}; it is in "
-        "no sentence here."
-    ]
+    return say_lines(_WORDS, "withheld", cells)
 
 
 def count_truth(one: Reevaluation) -> str:
     """Number of detectors and axes for which the side after is nearer to the truth, if the truth is known."""
-    if not one.has_truth:
-        return "Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."
     verdicts = [judge_detector(rows)[1] for _, rows in one.told.groupby(["axis", "fda"], sort=True)]
-    cells = count_text(len(verdicts), "detector and axis", "detectors and axes")
     nearer, farther = (verdicts.count(verdict) for verdict in ("nearer", "farther"))
-    text = f"The corrected model is nearer to the truth for {nearer or 'none'} of {cells}"
-    return f"{text}, farther for {farther or 'none'}."
+    return say(_WORDS, "truth", one.has_truth, nearer, farther, len(verdicts)).striptags()
 
 
 def tell_headline(one: Reevaluation) -> str:
     """Whether the best detector and the SNR change, in two short sentences."""
-    changed, sure = _compare_best(one)
-    best = "The best detector stays the same" if sure else "The best detector may be unchanged"
-    if changed:
-        best = f"The best detector changes {'; '.join(changed)}"
     rows = one.told[(one.told["question"] == "snr") & (one.told["p_changed"] >= SURE)]
     cells = [
         f"{join_words([one.names.get(fda, fda) for fda in own['fda'].unique()])} on axis {axis}"
         for axis, own in rows.groupby("axis")
     ]
-    ratios = f"Signal-to-noise ratios change: {join_words(cells)}"
-    return f"{best}. {ratios if cells else 'No signal-to-noise ratio changes'}."
+    return say(_WORDS, "headline", *_compare_best(one), cells).striptags()
 
 
-def _compare_best(one: Reevaluation) -> tuple[list[str], bool]:
+def _compare_best(one: Reevaluation) -> tuple[list[Markup], bool]:
     """Where the best detector surely changes, and whether everywhere else it surely stays the same."""
     before, after = (best_detectors(one, side) for side in ("before", "after"))
     parts, sure = [], True
     for (cycle, axis), names in after.items():
         was, names = ([one.names.get(fda, fda) for fda in side] for side in (before[cycle, axis], names))
         if set(was).isdisjoint(names) and (was or names):
-            parts.append(
-                f"on axis {axis} ({words(cycle)}): {join_words(was, 'or') or 'none'} before, "
-                f"{join_words(names, 'or') or 'none'} after"
-            )
+            parts.append(say(_WORDS, "best", axis, words(cycle), was, names))
         sure = sure and was == names and len(names) < 2
     return parts, sure

@@ -29,8 +29,8 @@ class Payload:
     """
 
     mass: float
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    com: tuple[float, ...] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     @property
     def parameters(self) -> Array:
@@ -41,8 +41,7 @@ class Payload:
 
     def scaled(self, factor: float) -> "Payload":
         """Payload with mass and inertia times `factor`, the centre of mass unchanged."""
-        xx, xy, xz, yy, yz, zz = (factor * value for value in self.inertia)
-        return Payload(factor * self.mass, self.com, (xx, xy, xz, yy, yz, zz))
+        return Payload(factor * self.mass, self.com, tuple(factor * value for value in self.inertia))
 
 
 class RigidBody:

@@ -57,9 +57,7 @@ class DeclaredPayload(Section):
 
     def to_payload(self) -> Payload:
         """Payload as `RigidBody` takes it."""
-        x, y, z = self.com
-        xx, xy, xz, yy, yz, zz = self.inertia
-        return Payload(self.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+        return Payload(self.mass, tuple(self.com), tuple(self.inertia))
 
 
 class Controller(Section):

@@ -262,20 +262,17 @@ def list_breaches(fields: Mapping[str, Any], where: str) -> list[str]:
 
 
 def _check_lists(model: RobotModel, where: str) -> None:
-    bandwidth = None
-    if model.controller is not None and isinstance(model.controller.bandwidth_hz, list):
-        bandwidth = model.controller.bandwidth_hz
-    lists: dict[str, Sequence[float] | None] = {
+    lists = {
         **{f"drive.{key}": getattr(model.drive, key) for key in Drive.model_fields},
         "sensors.encoder_resolution": model.sensors.encoder_resolution,
         "sensors.torque_noise": model.sensors.torque_noise,
-        "controller.bandwidth_hz": bandwidth,
+        "controller.bandwidth_hz": getattr(model.controller, "bandwidth_hz", None),
         "home": model.home,
         "lower": model.lower,
         "upper": model.upper,
     }
     for key, values in lists.items():
-        if values is not None and len(values) != model.n:
+        if isinstance(values, list) and len(values) != model.n:
             raise InputError(
                 f"{where}: {key} has {len(values)} values for {model.n} joints; give one value a joint."
             )

@@ -1,6 +1,7 @@
 """The arrays that the compiled step reads and writes, by what they belong to."""
 
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -50,7 +51,7 @@ INNER: dict[str, Any] = {
 }
 
 
-class Law(NamedTuple):
+class Law(namedtuple("Law", "feedforward position speed stiffness damping limit")):
     """Controller: at t_k ``feedforward[k] + stiffness (position[k] - q) + damping (speed[k] - y)``.
 
     Attributes
@@ -59,26 +60,12 @@ class Law(NamedTuple):
     stiffness, damping, limit : ndarray (n,)
     """
 
-    feedforward: np.ndarray
-    position: np.ndarray
-    speed: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    limit: np.ndarray
 
-
-class Gears(NamedTuple):
+class Gears(namedtuple("Gears", "armature flexible compliance lost_motion mesh_torque tolerance")):
     """Motor side of each joint, (n,), see `wearscope.effects.base.Plant`; `tolerance` of torques' balance."""
 
-    armature: np.ndarray
-    flexible: np.ndarray
-    compliance: np.ndarray
-    lost_motion: np.ndarray
-    mesh_torque: np.ndarray
-    tolerance: np.ndarray
 
-
-class State(NamedTuple):
+class State(namedtuple("State", "q v gap y a a_motor a_before mode slope pace")):
     """What a step starts from, each (n,).
 
     Attributes
@@ -97,51 +84,18 @@ class State(NamedTuple):
         Last rate of convergence, and the number of steps since that trusted it.
     """
 
-    q: np.ndarray
-    v: np.ndarray
-    gap: np.ndarray
-    y: np.ndarray
-    a: np.ndarray
-    a_motor: np.ndarray
-    a_before: np.ndarray
-    mode: np.ndarray
-    slope: np.ndarray
-    pace: np.ndarray
 
-
-class Work(NamedTuple):
+class Work(
+    namedtuple(
+        "Work",
+        "x rate start middle speed torque turning ahead fed wanted gap give held change residual "
+        "old_torque old_speed old_mode motor free stiff need low high matrix jacobian inertia",
+    )
+):
     """Vectors (n,), and matrices (n, n), that a step works in."""
 
-    x: np.ndarray
-    rate: np.ndarray
-    start: np.ndarray
-    middle: np.ndarray
-    speed: np.ndarray
-    torque: np.ndarray
-    turning: np.ndarray
-    ahead: np.ndarray
-    fed: np.ndarray
-    wanted: np.ndarray
-    gap: np.ndarray
-    give: np.ndarray
-    held: np.ndarray
-    change: np.ndarray
-    residual: np.ndarray
-    old_torque: np.ndarray
-    old_speed: np.ndarray
-    old_mode: np.ndarray
-    motor: np.ndarray
-    free: np.ndarray
-    stiff: np.ndarray
-    need: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    matrix: np.ndarray
-    jacobian: np.ndarray
-    inertia: np.ndarray
 
-
-class Log(NamedTuple):
+class Log(namedtuple("Log", "position speed torque applied motor rotor bias terms")):
     """Results of the steps.
 
     Attributes
@@ -157,24 +111,9 @@ class Log(NamedTuple):
         Means over the step of the effects' torques, term by term.
     """
 
-    position: np.ndarray
-    speed: np.ndarray
-    torque: np.ndarray
-    applied: np.ndarray
-    motor: np.ndarray
-    rotor: np.ndarray
-    bias: np.ndarray
-    terms: np.ndarray
 
-
-class Motion(NamedTuple):
+class Motion(namedtuple("Motion", "sign position speed acceleration load")):
     """Signals at one step that the terms depend on, each (n,): motor side, `load` of the links."""
-
-    sign: np.ndarray
-    position: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    load: np.ndarray
 
 
 def make_state(n: int) -> State:

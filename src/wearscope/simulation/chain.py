@@ -1,8 +1,8 @@
 """The robot's rigid bodies as arrays for the compiled step, and as the URDF that PyBullet loads."""
 
+from collections import namedtuple
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from wearscope.robots.urdf import make_link
 from wearscope.robots.urdf_file import Tree, parse_urdf, write_link, write_urdf
 
 
-class Chain(NamedTuple):
+class Chain(namedtuple("Chain", "order parent prismatic offset turn axis mass com tensor gravity")):
     """Kinematic tree of one-degree-of-freedom joints on a fixed base, in joint order.
 
     Attributes
@@ -38,17 +38,6 @@ class Chain(NamedTuple):
     gravity : ndarray (3,)
         [m/s^2].
     """
-
-    order: np.ndarray
-    parent: np.ndarray
-    prismatic: np.ndarray
-    offset: np.ndarray
-    turn: np.ndarray
-    axis: np.ndarray
-    mass: np.ndarray
-    com: np.ndarray
-    tensor: np.ndarray
-    gravity: np.ndarray
 
 
 def sum_parameters(body: RigidBody, extra: Array | None = None) -> Array:

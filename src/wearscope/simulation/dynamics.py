@@ -5,7 +5,7 @@ without being transformed: Featherstone, Rigid Body Dynamics Algorithms, 2008, s
 Newton-Euler) and 6.2 (composite rigid bodies).
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
@@ -14,20 +14,13 @@ from wearscope.simulation.arrays import INNER
 from wearscope.simulation.chain import Chain
 
 
-class Scratch(NamedTuple):
+class Scratch(
+    namedtuple(
+        "Scratch",
+        "turn place screw velocity acceleration force start_force composite mass_matrix bias start_bias",
+    )
+):
     """Arrays that `mass_and_bias` works in; its results: `mass_matrix` (n, n), `bias`, `start_bias` (n,)."""
-
-    turn: np.ndarray
-    place: np.ndarray
-    screw: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    force: np.ndarray
-    start_force: np.ndarray
-    composite: np.ndarray
-    mass_matrix: np.ndarray
-    bias: np.ndarray
-    start_bias: np.ndarray
 
 
 def make_scratch(n: int) -> Scratch:

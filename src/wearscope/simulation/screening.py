@@ -137,28 +137,19 @@ def _largest_change(
 ) -> tuple[float, int]:
     """Change of torque over the largest torque, and the joint where it is largest."""
     kind, low, high = ranges[name]
-    if kind == "dwell":
-        first, second = (references[level / 1000.0] for level in (low, high))
-        if len(first.t) != len(second.t):  # the duration changes, so that every later sample does
-            return 1.0, 0
-        torques = [_torque(model, one) for one in (first, second)]
-    else:
-        reference = references[DEFAULT_DWELL]
-        torques = []
-        for level in (low, high):
-            if kind == "wear":
-                wear = np.zeros(model.n)
-                worn = [factor for factor, (k, _, _) in ranges.items() if k == "wear"].index(name)
-                wear[model.joints.index(model.wear_joints[worn])] = level
-                torques.append(_torque(model, reference, wear=wear))
-            elif kind == "temperature":
-                torques.append(_torque(model, reference, temperature=level))
-            else:
-                torques.append(_torque(model, reference, error=level / 100.0))
-    largest = np.maximum(np.abs(torques).max(axis=(0, 1)), 1e-300)
-    change = np.abs(torques[1] - torques[0]).max(axis=0) / largest
-    joint = int(np.argmax(change))
-    return float(change[joint]), joint
+    torques = []
+    for level in (low, high):
+        reference = references[level / 1000.0 if kind == "dwell" else DEFAULT_DWELL]
+        temperature, wear, error = Conditions.temperature, np.zeros(model.n), 0.0
+        if kind == "wear":
+            worn = [factor for factor, (k, _, _) in ranges.items() if k == "wear"].index(name)
+            wear[model.joints.index(model.wear_joints[worn])] = level
+        elif kind == "temperature":
+            temperature = level
+        elif kind == "payload_mass_error":
+            error = level / 100.0
+        torques.append(required_torque(reference, model, temperature, wear, 1.0 / (1.0 + error)))
+    return _compare(torques[:1], torques[1:])
 
 
 def _recorded_change(
@@ -181,23 +172,17 @@ def _recorded_change(
                 f"{str(error).rstrip('.')}; narrow the range of the factor."
             ) from error
         runs.append(run)
-    if len(runs[0].t) != len(runs[1].t):  # the duration or rate changes, so that every later sample does
+    return _compare(*([run.q, run.qd, run.tau] for run in runs))
+
+
+def _compare(first: Sequence[Array], second: Sequence[Array]) -> tuple[float, int]:
+    """Largest change of signals (N, n) over their largest magnitude, and the joint where it is largest."""
+    if len(first[0]) != len(second[0]):  # the duration or rate changes, so that every later sample does
         return 1.0, 0
     changes = []
-    for name in ("q", "qd", "tau"):
-        first, second = (getattr(run, name) for run in runs)
-        largest = np.maximum(np.abs(first), np.abs(second)).max(axis=0)
-        changes.append(np.abs(second - first).max(axis=0) / np.maximum(largest, 1e-300))
+    for one, other in zip(first, second, strict=True):
+        largest = np.maximum(np.abs(one), np.abs(other)).max(axis=0)
+        changes.append(np.abs(other - one).max(axis=0) / np.maximum(largest, 1e-300))
     by_joint = np.max(changes, axis=0)
     joint = int(np.argmax(by_joint))
     return float(by_joint[joint]), joint
-
-
-def _torque(
-    model: RobotModel,
-    reference: Reference,
-    temperature: float = Conditions.temperature,
-    wear: float | Array = 0.0,
-    error: float = 0.0,
-) -> Array:
-    return required_torque(reference, model, temperature, wear, 1.0 / (1.0 + error))

@@ -1,8 +1,8 @@
 """A plant's torque terms packed for the compiled step."""
 
+from collections import namedtuple
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit, typed
@@ -15,7 +15,9 @@ from wearscope.simulation.arrays import INNER
 PROBE = 1e-7
 
 
-class Terms(NamedTuple):
+class Terms(
+    namedtuple("Terms", "joint width coefficients shape state next_state remembers coupled loaded out")
+):
     """Torque terms in the order of their joints.
 
     Attributes
@@ -33,17 +35,6 @@ class Terms(NamedTuple):
         Whether one depends on the load of the joint's links, by which all joints' accelerations move it.
     out : ndarray (widest,)
     """
-
-    joint: np.ndarray
-    width: np.ndarray
-    coefficients: np.ndarray
-    shape: np.ndarray
-    state: np.ndarray
-    next_state: np.ndarray
-    remembers: np.ndarray
-    coupled: np.ndarray
-    loaded: np.ndarray
-    out: np.ndarray
 
 
 @lru_cache(maxsize=256)
