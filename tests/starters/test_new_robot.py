@@ -164,7 +164,7 @@ def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):
         ({"coulomb": [1.0, 2.0]}, "--coulomb: has 2 values for 3 joints"),
         ({"coulomb": [-1.0]}, "--coulomb: holds -1"),
         ({"efficiency": [85.0]}, "efficiency 85"),
-        ({"gear_ratio": [0.0]}, "--gear-ratio holds a 0"),
+        ({"gear_ratio": [0.0]}, "--gear-ratio: holds 0; give finite numbers, other than 0"),
         ({"rotor_inertia": [1e-4]}, "give --gear-ratio with it"),
         ({"payload": -1.0}, "--payload -1"),
         ({"joints": ["elbow"]}, "has no joint 'elbow'"),

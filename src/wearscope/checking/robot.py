@@ -35,7 +35,8 @@ def check_model(reference: str | Path, found: Findings, allow_code: Allowed = Fa
     if model is None:
         return None
     for entry in model.effects:
-        found.attempt(lambda entry=entry: check_effects(_with_effects(model, [entry])))  # type: ignore[misc]
+        alone = model.model_copy(update={"effects": [entry]})
+        found.attempt(lambda alone=alone: check_effects(alone))  # type: ignore[misc]
     found.attempt(lambda: check_effects(model))
     for name, most in limits.DRIVE.items():
         if max(map(abs, getattr(model.drive, name) or [0.0])) > most:
@@ -47,11 +48,6 @@ def check_model(reference: str | Path, found: Findings, allow_code: Allowed = Fa
     if not any(model.gravity):
         found.notes.append(f"{path}: gravity is 0; where the robot is not in orbit, give m/s^2.")
     return model
-
-
-def _with_effects(model: RobotModel, effects: Sequence) -> RobotModel:
-    """The same robot with other effects, not checked."""
-    return model.model_copy(update={"effects": list(effects)})
 
 
 def find_idle_factors(

@@ -30,11 +30,9 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
     wrong = 0
     for thing in things or (None,):
         found = inspect(thing, allow_code, robots)
-        for note in found.notes[: limits.PROBLEMS]:
-            say(f"  {note}")
         count, told = len(found.problems), found.problems[: limits.PROBLEMS]
-        for problem in told:
-            say(f"  wrong: {problem}")
+        say(*(f"  {note}" for note in found.notes[: limits.PROBLEMS]))
+        say(*(f"  wrong: {problem}" for problem in told))
         if count > len(told):
             say(f"  and {count - len(told)} more; correct these first.")
         wrong += count

@@ -1,7 +1,7 @@
 """Two results side by side."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,11 +58,6 @@ def _name(left: Path, right: Path) -> tuple[str, str]:
     return "/".join(parts[0][-count:]), "/".join(parts[1][-count:])
 
 
-def _say(sentences: Iterable[str]) -> None:
-    for one in sentences:
-        say(one)
-
-
 def _find(place: str) -> Path:
     path = Path(place)
     return path if path.is_file() and path.suffix == ".tar" else find_results(place)
@@ -90,7 +85,7 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> None:
     pages = [side.read("report.html") if "report.html" in side.digests else b"" for side in sides]
     strips = [parse_strip(page.decode("utf-8", "replace")) for page in pages]
     answers = (strips[0].answer if strips[0] else "", strips[1].answer if strips[1] else "")
-    _say([*_tell_answers(names, answers), *_tell_studies(names, (rankings[0], rankings[1]), differences)])
+    say(*_tell_answers(names, answers), *_tell_studies(names, (rankings[0], rankings[1]), differences))
     headers = ["detector", f"median SNR in {names[0]}", f"in {names[1]}"]
     detectors = list(dict.fromkeys([*ranks[0], *ranks[1]]))
     print_table(headers, [[one, *(format_value(rank.get(one)) for rank in ranks)] for one in detectors])
@@ -133,7 +128,7 @@ def _compare_loops(left: Path, right: Path) -> None:
         {joint: [one["effect"] for one in verdict["verdict"] if one["joint"] == joint] for joint in joints}
         for verdict in verdicts
     ]
-    _say(_tell_loops(names, named_by[0], named_by[1]))
+    say(*_tell_loops(names, named_by[0], named_by[1]))
     rows = []
     for joint in joints:
         row = [joint]

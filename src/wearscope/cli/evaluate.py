@@ -42,9 +42,7 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
     )
     rows = [[format_value(x) for x in row] for row in list_worst(errors)]
     print_table(("joint", "error (RMS)", "not predicted", "in", "then off by (median, 95 %)"), rows)
-    for line in errors.judged["refused"]:
-        say(line)
-    say(tell_errors(errors))
+    say(*errors.judged["refused"], tell_errors(errors))
     if out is None:
         say("--out FOLDER writes every run and time.")
     else:

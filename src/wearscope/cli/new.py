@@ -65,8 +65,7 @@ def study(name, robots, cycles, detectors, large):  # type: ignore[no-untyped-de
         if not (key and use):
             raise InputError(f"--detector {one}: names none; write --detector NAME=USE.")
         used[key] = use
-    for note in write_study(name, robots or ("medium",), cycles, used, large):
-        say(note)
+    say(*write_study(name, robots or ("medium",), cycles, used, large))
     _tell([name], f"wearscope run {name}")
 
 

@@ -168,8 +168,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         **stated,
     )
     converted = convert_recordings(recordings, urdf, mapped)
-    for note in converted.notes:
-        say(f"  {note}")
+    say(*(f"  {note}" for note in converted.notes))
     with new_folder(target) as made:
         write_dataset(made, name, urdf, converted, mapped)
         file = made / "dataset.yaml"
@@ -181,11 +180,9 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             _name_given(one, made, target, urdf, recordings, converted.runs) for one in found.problems
         ]
         if found.problems:
-            for problem in found.problems[:-1]:
-                say(f"  wrong: {problem}")
+            say(*(f"  wrong: {problem}" for problem in found.problems[:-1]))
             raise InputError(_name_option(found.problems[-1]))
-    for note in found.notes[: limits.PROBLEMS]:
-        say(f"  {note.replace(str(made), str(target))}")
+    say(*(f"  {note.replace(str(made), str(target))}" for note in found.notes[: limits.PROBLEMS]))
     following = "track" if mapped.reference else "diagnose"
     say(f"Written: {target}, which passes its check. Next: wearscope {following} {target}")
 

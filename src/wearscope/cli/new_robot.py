@@ -89,8 +89,7 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
     with new_folder(target) as made:
         (made / "model.yaml").write_text(write_schema(made, RobotModel) + text, encoding="utf-8")
         copy_urdf(urdf, made)
-    for note in notes:
-        say(note)
+    say(*notes)
     _report(target, figures)
 
 
@@ -107,8 +106,7 @@ def _report(target: Path, figures) -> None:  # type: ignore[no-untyped-def]
     if assumed:
         say(f"Assumed, in whole or in part: {', '.join(name.replace('_', ' ') for name in assumed)}.")
     found = check_robot_folder(target)
-    for sentence in [*found.notes, *found.problems]:
-        say(sentence)
+    say(*found.notes, *found.problems)
     say(f"Written: {target}. Next: edit {target}/model.yaml, then wearscope new study NAME --robot {target}")
     if found.problems:
         raise InputError(

@@ -19,9 +19,10 @@ from wearscope.storage.checksums import check_answer
 from wearscope.storage.files import DamagedFile
 
 
-def say(line: object, err: bool = False, bold: bool = False) -> None:
-    """Print a line in which no text of a file, and no path, can steer the terminal."""
-    click.echo(click.style(escape_text(str(line)), bold=bold or None, reset=bold), err=err)
+def say(*lines: object, err: bool = False, bold: bool = False) -> None:
+    """Print lines in which no text of a file, and no path, can steer the terminal."""
+    for line in lines:
+        click.echo(click.style(escape_text(str(line)), bold=bold or None, reset=bold), err=err)
 
 
 #: Seconds between two lines where the output is no terminal.
@@ -101,9 +102,7 @@ def show_result(path: Path, opened: bool = False, err: bool = False) -> None:
         check_answer(path)
         strip = read_strip(path)
         if strip is not None:
-            say(strip.answer, err=err)
-            for heading, text in strip.rows():
-                say(f"{heading}: {text}", err=err)
+            say(strip.answer, *(f"{heading}: {text}" for heading, text in strip.rows()), err=err)
         say(shorten(path), err=err)
         if opened:
             click.launch(str(path))

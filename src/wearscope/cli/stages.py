@@ -345,10 +345,7 @@ def export(model, study, **options):  # type: ignore[no-untyped-def]
     from wearscope.export.run import FILES, tell_export
 
     made = place.folder / "results" / "export" / label(model)
-    for told in tell_export(read_json(made / "export.json")):
-        say(told)
-    for name in FILES:
-        say(shorten(made / name))
+    say(*tell_export(read_json(made / "export.json")), *(shorten(made / name) for name in FILES))
 
 
 @click.command()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -152,21 +153,26 @@ def check_reference(
     _check_form(reference, model, where)
     lower, upper = model.position_limits
     speed, acceleration, _ = model.motion_limits()
-    q, v, a = reference.q, reference.v, reference.a
-    units = model.position_units
+    q, v, a, units = reference.q, reference.v, reference.a, model.position_units
     room = TOLERANCE * np.maximum(np.nan_to_num(upper - lower, posinf=1.0), 1.0)
-    _refuse_above(lower - room - q, 0.0, q, lower, "position", units, reference, model, where)
-    _refuse_above(q - upper - room, 0.0, q, upper, "position", units, reference, model, where)
-    limited = (("speed", v, speed, "/s"), ("acceleration", a, acceleration, "/s^2"))
-    for what, values, limit, per in limited:
-        excess = np.abs(values) - limit * (1.0 + TOLERANCE)
-        _refuse_above(excess, 0.0, values, limit, what, [u + per for u in units], reference, model, where)
-    for factor in (1.0 - payload_error, 1.0 + payload_error):
-        for temperature in temperatures:
-            torque = required_torque(reference, model, temperature, wear, factor)
-            excess = np.abs(torque) - model.torque_limit
-            _refuse_above(
-                excess, 0.0, torque, model.torque_limit, "torque", model.torque_units, reference, model, where
+    beyond = 1.0 + TOLERANCE
+    asked = [
+        (lower - room - q, q, lower, "position", units),
+        (q - upper - room, q, upper, "position", units),
+        (np.abs(v) - speed * beyond, v, speed, "speed", [f"{unit}/s" for unit in units]),
+        (np.abs(a) - acceleration * beyond, a, acceleration, "acceleration", [f"{u}/s^2" for u in units]),
+    ]
+    limit = model.torque_limit
+    for factor, temperature in product((1.0 - payload_error, 1.0 + payload_error), temperatures):
+        torque = required_torque(reference, model, temperature, wear, factor)
+        asked.append((np.abs(torque) - limit, torque, limit, "torque", model.torque_units))
+    for excess, values, bound, what, unit in asked:
+        row, joint = (int(k) for k in np.unravel_index(np.argmax(excess), excess.shape))
+        if excess[row, joint] > 0.0:
+            raise InputError(
+                f"{where}: joint '{model.joints[joint]}' would need the {what} {values[row, joint]:.4g} "
+                f"{unit[joint]} at t = {reference.t[row]:.3f} s, beyond its limit {bound[joint]:.4g}; "
+                "slow the test-cycle down, make it smaller, or correct the robot's limits."
             )
 
 
@@ -207,23 +213,3 @@ def _check_form(reference: Reference, model: RobotModel, where: str) -> None:
             raise InputError(
                 f"{where}: joint '{model.joints[joint]}' moves at the {when}; begin and end at rest."
             )
-
-
-def _refuse_above(
-    excess: Array,
-    threshold: float,
-    values: Array,
-    limit: Array,
-    what: str,
-    units: Sequence[str],
-    reference: Reference,
-    model: RobotModel,
-    where: str,
-) -> None:
-    row, joint = (int(k) for k in np.unravel_index(np.argmax(excess), excess.shape))
-    if excess[row, joint] > threshold:
-        raise InputError(
-            f"{where}: joint '{model.joints[joint]}' would need the {what} {values[row, joint]:.4g} "
-            f"{units[joint]} at t = {reference.t[row]:.3f} s, beyond its limit {limit[joint]:.4g}; "
-            "slow the test-cycle down, make it smaller, or correct the robot's limits."
-        )

@@ -9,10 +9,6 @@ import numpy as np
 from wearscope.effects.base import GRAVITY_SIGN, Parameter, Signals, TransmissionEffect
 
 
-def _take_up(torque: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    return 0.5 * np.tanh(torque / shape[0])
-
-
 def _search(signals: Signals, joint: int) -> np.ndarray:
     scale = max(np.std(signals.load[:, joint]), 1e-9)
     return scale * np.array([[0.03], [0.1], [0.3]])
@@ -35,7 +31,7 @@ EFFECT = TransmissionEffect(
     depends_on=("load_{joint}", "reversal_load_{joint}"),
     shape=(Parameter("mesh_torque", "{torque}", lower=1e-9, default=1.0),),
     spread=True,
-    bend=_take_up,
+    bend=lambda torque, shape: 0.5 * np.tanh(torque / shape[0]),
     abrupt=True,
     installs=("lost_motion", "mesh_torque"),
     search=_search,

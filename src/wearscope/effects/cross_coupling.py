@@ -1,7 +1,5 @@
 """Torque driven by the motion of another joint (wrist couplings)."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from wearscope.effects.base import ALONE, Effect, Parameter, Signals, compile_row
@@ -23,14 +21,6 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array(others, dtype=float)[:, None].reshape(len(others), 1)
 
 
-def _has_other(signals: Signals, joint: int) -> bool:
-    return signals.q.shape[1] > 1
-
-
-def _name_driver(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
-    return [name.format(other=joints[int(shape[0])]) for name in DRIVEN_BY]
-
-
 EFFECT = Effect(
     name="cross_coupling",
     form="viscous v_other + coulomb sign(v_other) + inertia a_other",
@@ -46,8 +36,8 @@ EFFECT = Effect(
     variants=(("viscous",), ("coulomb",), ("inertia",), ("viscous", "coulomb")),
     search=_search,
     repeatable=True,
-    applies=_has_other,
+    applies=lambda signals, joint: signals.q.shape[1] > 1,
     lacking="",
     excitation=ALONE,
-    name_driver=_name_driver,
+    name_driver=lambda shape, joints, joint: [name.format(other=joints[int(shape[0])]) for name in DRIVEN_BY],
 )

@@ -1,13 +1,9 @@
 """Torque channel that lags the position channel."""
 
-from wearscope.effects.base import QUICK, MeasurementEffect, Parameter, Signals
+from wearscope.effects.base import QUICK, MeasurementEffect, Parameter
 
 #: Smallest believable delay, in samples of the recording: the clocks of two channels agree no better.
 _LEAST_SAMPLES = 0.1
-
-
-def _least(signals: Signals) -> float:
-    return _LEAST_SAMPLES * signals.dt / signals.factor
 
 
 EFFECT = MeasurementEffect(
@@ -17,6 +13,6 @@ EFFECT = MeasurementEffect(
     source="Swevers et al. 1997, IEEE T. Robotics and Automation 13(5)",
     depends_on=("dtau_{joint}",),
     kind="lag",
-    least=_least,
+    least=lambda signals: _LEAST_SAMPLES * signals.dt / signals.factor,
     excitation=QUICK,
 )

@@ -4,7 +4,6 @@ MuJoCo gets the torque that the motion needs of the whole model, without feedbac
 motion every so often; its position after 0.1, 0.5 and 2 s is compared with the motion.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -23,29 +22,6 @@ from wearscope.simulation.plant import build_plant
 MOVING = 0.01
 #: Steps of the passive motors' states for each instant of a motion.
 _STEPS = 4
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Differences by joint (n,), RMS [N m or N], along a motion.
-
-    Attributes
-    ----------
-    torque : ndarray
-        RMS of the model's torque.
-    smooth : ndarray
-        MuJoCo less what it was given to hold, both without Coulomb friction.
-    held_moving, held : ndarray
-        The same with it, where the joint moves, and at all instants: MuJoCo's friction is a soft constraint.
-    left : ndarray
-        MuJoCo less the whole model, where the joint moves: what the format cannot hold.
-    """
-
-    torque: Array
-    smooth: Array
-    held_moving: Array
-    held: Array
-    left: Array
 
 
 def inverse_dynamics(
@@ -100,7 +76,7 @@ def link_motion(model: RobotModel, held: Holdings, reference: Reference) -> Refe
     return follow_links(build_plant(model), held.body, reference)
 
 
-def compare(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Comparison:
+def compare(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> dict[str, Array]:
     """Compare MuJoCo's inverse dynamics along a motion with the model's.
 
     Parameters
@@ -110,6 +86,14 @@ def compare(model: RobotModel, held: Holdings, reference: Reference, temperature
     reference : Reference
     temperature : float
         [deg C]
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        RMS by joint [N m or N]: `torque_rms` of the model's torque; `difference_without_coulomb`, MuJoCo less
+        what it was given to hold, both without Coulomb friction; `difference_where_moving` and `difference`,
+        the same with it, where the joint moves and at all instants, as MuJoCo's friction is a soft
+        constraint; `not_held_where_moving`, MuJoCo less the whole model: what the format cannot hold.
     """
     links = link_motion(model, held, reference)
     theirs = inverse_dynamics(make_spec(model, held), model.joints, reference, links=links)
@@ -129,9 +113,13 @@ def compare(model: RobotModel, held: Holdings, reference: Reference, temperature
         count = np.maximum(where.sum(axis=0), 1)
         return np.sqrt(np.sum(np.where(where, x, 0.0) ** 2, axis=0) / count)
 
-    return Comparison(
-        rms(whole), rms(smooth), rms(theirs - own, moving), rms(theirs - own), rms(theirs - whole, moving)
-    )
+    return {
+        "torque_rms": rms(whole),
+        "difference_without_coulomb": rms(smooth),
+        "difference_where_moving": rms(theirs - own, moving),
+        "difference": rms(theirs - own),
+        "not_held_where_moving": rms(theirs - whole, moving),
+    }
 
 
 #: Times after which the position is compared [s], and between two starts; time for bristles and gears to

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,9 +16,6 @@ from wearscope.export.holdings import FORMATS, take_holdings
 from wearscope.robots.model import RobotModel
 from wearscope.storage import tables
 from wearscope.storage.verdicts import read_verdict
-
-if TYPE_CHECKING:
-    from wearscope.export.comparison import Comparison
 
 FILES = ("robot.urdf", "robot.xml", "isaac_lab.json", "parameters.csv", "export.json")
 #: Motion along which MuJoCo is compared, and its step [s].
@@ -107,7 +104,7 @@ def export_model(
     from wearscope.export.formats import write_isaac_lab, write_mjcf, write_urdf
 
     out = Path(folder)
-    compared = load = None
+    load = compared = replayed = None
     if reference is None and model.drive.speed_limit is not None:
         reference = MOTION.build(model, 0.05, STEP)
     if reference is not None:
@@ -115,13 +112,18 @@ def export_model(
         load = np.abs(body.inverse_dynamics(reference.q, reference.v, reference.a)).mean(axis=0)
     held = take_holdings(model, temperature, load)
     if reference is not None:
-        compared = compare(model, held, reference, temperature)
+        found = compare(model, held, reference, temperature)
+        compared = {
+            joint: {"unit": model.torque_units[j], **{name: float(rms[j]) for name, rms in found.items()}}
+            for j, joint in enumerate(model.joints)
+        }
+        replayed = compare_replays(model, held, reference, temperature)
     summary = {
         "robot": model.name,
         "temperature": temperature,
         "left": [asdict(one) for one in held.left],
-        "mujoco": None if compared is None else _tell_comparison(model, compared),
-        "replay": None if reference is None else compare_replays(model, held, reference, temperature),
+        "mujoco": compared,
+        "replay": replayed,
     }
     tables.write_text(out / "robot.urdf", write_urdf(model, held))
     tables.write_text(out / "robot.xml", write_mjcf(model, held))
@@ -129,20 +131,6 @@ def export_model(
     tables.write_text(out / "parameters.csv", list_parameters(model, verdict).to_csv(index=False))
     tables.write_json(out / "export.json", summary)
     return summary
-
-
-def _tell_comparison(model: RobotModel, found: "Comparison") -> dict[str, dict[str, Any]]:
-    return {
-        joint: {
-            "unit": model.torque_units[j],
-            "torque_rms": float(found.torque[j]),
-            "difference_without_coulomb": float(found.smooth[j]),
-            "difference_where_moving": float(found.held_moving[j]),
-            "difference": float(found.held[j]),
-            "not_held_where_moving": float(found.left[j]),
-        }
-        for j, joint in enumerate(model.joints)
-    }
 
 
 def tell_export(summary: Mapping[str, Any]) -> list[str]:

@@ -238,26 +238,16 @@ def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
     """Each effect: its name, the result of the test runs, its first fitted parameter."""
     told = []
     for entry in entries:
-        rivals = join_words([*map(effect_name, entry["equivalent"])], "or")
-        sentences = [f"Or {rivals}: these runs do not tell."] if rivals else []
+        rivals = [effect_name(name) for name in entry["equivalent"]]
         where = " at all joints together" if entry["effect"] in list_shared() else ""
-        sentences.append(f"{upper_first(say_share(entry))}{where}.")
         fitted = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")]
-        sentences += [
-            f"{upper_first(row['parameter'])}: {row['value']} {row['unit']} (95 %: {row['95 % interval']})."
-            for row in fitted[:1]
-        ]
-        if entry["effect"] == UNKNOWN:
-            on = join_words([*map(name_signal, entry["depends_on"])])
-            sentences.append(f"No named effect explains it{f'; it depends on {on}' if on else ''}.")
-        if not is_in_model(entry):
-            why = f": {entry['left_out']}" if entry.get("left_out") else ""
-            sentences.append(f"Left out of the corrected model{why}.")
-        status = entry["status"]
-        kind = STATUSES[status] if is_in_model(entry) or status == "refuted" else "unsure"
+        on = [name_signal(name) for name in entry["depends_on"]] if entry["effect"] == UNKNOWN else None
+        kept, status = is_in_model(entry), entry["status"]
+        text = say("loop/words.html", "effect", entry, rivals, say_share(entry), where, fitted, on, kept)
+        kind = STATUSES[status] if kept or status == "refuted" else "unsure"
         told.append(
             {"name": upper_first(effect_name(entry["effect"])), "kind": kind}
-            | {"status": status.replace("_", " "), "text": " ".join(sentences)}
+            | {"status": status.replace("_", " "), "text": text}
         )
     return told
 

@@ -115,7 +115,9 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         doubts += "" if kept else " (left out of the corrected model)"
         groups.setdefault((name, doubts, kept), []).append(one)
     every = [f"{_tell_group(verdict, name, own)}{doubts}" for (name, doubts, _), own in groups.items()]
-    gain, growth = _tell_gain(verdict, [kept for *_, kept in groups]), _tell_growth(verdict)
+    changes = _changes(verdict)
+    gain = _say("gain", changes, falls_anywhere(verdict), [kept for *_, kept in groups])
+    growth = _say("growth", [one for one in changes if one.larger and one.ratio > 1.0 + SLIGHT])
     certain = all(
         one["effect"] != UNKNOWN
         and one["status"] == "confirmed"
@@ -196,19 +198,9 @@ def falls_anywhere(verdict: Verdict) -> bool:
     return any(one.ratio <= 1.0 - SLIGHT for one in _changes(verdict))
 
 
-def _tell_growth(verdict: Verdict) -> str:
-    """Where the error on the test runs grows; empty where it does not."""
-    return _say("growth", [one for one in _changes(verdict) if one.larger and one.ratio > 1.0 + SLIGHT])
-
-
 def is_in_model(entry: Verdict) -> bool:
     """Whether the corrected model has an effect."""
     return bool(entry.get("in_model", entry["status"] != "refuted"))
-
-
-def _tell_gain(verdict: Verdict, kept: Sequence[bool]) -> str:
-    """Joint where the error on the test runs falls most with the effects that are kept."""
-    return _say("gain", next(iter(_changes(verdict)), None), falls_anywhere(verdict), kept)
 
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:

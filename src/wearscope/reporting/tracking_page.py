@@ -190,7 +190,8 @@ def describe(tracking: Tracking) -> SimpleNamespace:
     """What the words of the strip need of a tracked machine."""
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
-        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)}{_tell_since(one, last)}"
+        f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)}"
+        + ("" if one["since"] == last["session"] else f" since {one['since']}")
         for one in list_first(last["changes"])
     ]
     unknown = {} if changes else tracking.open_changes()
@@ -209,11 +210,6 @@ def describe(tracking: Tracking) -> SimpleNamespace:
         worn=(worn := {one["joint"] for one in last["changes"] if one["effect"] in _WEARS}),
         limits=tell_limits(tracking, worn),
     )
-
-
-def _tell_since(entry: Mapping[str, Any], session: Mapping[str, Any]) -> str:
-    """The session from which on a change is seen, where it is an earlier one."""
-    return "" if entry["since"] == session["session"] else f" since {entry['since']}"
 
 
 def list_first(changes: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -267,13 +263,9 @@ def _ends(ends: Any) -> str:
 
 def tell_entry(entry: Mapping[str, Any]) -> str:
     """A change as one sentence."""
-    said = f"{change_name(entry['effect'], entry['joint'])}: {parameter_name(entry['parameter'])} "
-    said += f"{_size(entry)} (95 %: {_ends(entry['ci95'])}), since {entry['since']}"
-    if entry.get("anywhere"):
-        said += f"; or on the link that {join_words(entry['anywhere'], 'or')} moves"
-    if entry["equivalent"]:
-        said += f"; {join_words([*map(effect_name, entry['equivalent'])], 'or')} would explain it as well"
-    return said + "."
+    name = f"{change_name(entry['effect'], entry['joint'])}: {parameter_name(entry['parameter'])}"
+    rivals = [effect_name(one) for one in entry["equivalent"]]
+    return say(_WORDS, "entry", entry, name, _size(entry), _ends(entry["ci95"]), rivals).striptags()
 
 
 def _outcome(tracking: Tracking) -> Markup:

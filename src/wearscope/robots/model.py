@@ -197,10 +197,8 @@ class RobotModel(Section):
         return self.replace(effects=[*own, *entries])
 
 
-# Detectors ask for bodies at each recording: the URDF is parsed once a robot.
-@lru_cache(maxsize=16)
-def _make_body(urdf_text: str, joints: tuple[str, ...], gravity: tuple[float, ...]) -> RigidBody:
-    return RigidBody(urdf_text, joints, gravity)
+#: Detectors ask for bodies at each recording: the URDF is parsed once a robot.
+_make_body = lru_cache(maxsize=16)(RigidBody)
 
 
 def make_model(

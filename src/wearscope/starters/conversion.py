@@ -252,7 +252,7 @@ def _convert(
     t, numbers = t[whole] - t[whole][0], numbers[whole]
     columns: dict[str, Array] = {"t": t}
     values = {kind: numbers[list(group.columns)].to_numpy(dtype=float) for kind, group in groups.items()}
-    gear = take_option("gear-ratio", mapped.gear_ratio, len(joints), -np.inf)
+    gear = take_option("gear-ratio", mapped.gear_ratio, len(joints), "other than 0")
     ratio = take_ratios(gear, "--side motor", len(joints)) if mapped.side == "motor" else np.ones(len(joints))
     speed = groups["velocity"].factors if "velocity" in groups and groups["velocity"].units else unit
     if mapped.servo is not None:

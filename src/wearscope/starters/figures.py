@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wearscope.cycles.base import Reference, find_coarse_step, list_cycles, load_cycle, required_torque
+from wearscope.cycles.base import find_coarse_step, list_cycles, load_cycle, required_torque
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel, make_model
 from wearscope.robots.spatial import Array
@@ -52,24 +52,41 @@ class Figures:
         return Figures(np.asarray(values, dtype=float), tuple(origins))
 
 
+#: Numbers that an option takes: what messages call them, and which are refused.
+_SIGNS: dict[str, Callable[[Array], Any]] = {
+    "0 or above": lambda values: values < 0.0,
+    "above 0": lambda values: values <= 0.0,
+    "other than 0": lambda values: values == 0.0,
+}
+
+
 def take_option(
-    name: str, values: Sequence[float] | None, n: int, lowest: float = 0.0, positive: bool = False
+    name: str, values: Sequence[float] | None, n: int, allowed: str = "0 or above"
 ) -> Figures | None:
-    """Figures that the user gives: one for all joints, or one a joint; 0 is refused where `positive`.
+    """Figures that the user gives: one for all joints, or one a joint.
+
+    Parameters
+    ----------
+    name : str
+        Of the option.
+    values : sequence of float or None
+    n : int
+        Number of joints.
+    allowed : {"0 or above", "above 0", "other than 0"}
 
     Raises
     ------
     InputError
-        Where there are neither one nor n, or one is not above `lowest`.
+        Where there are neither one nor n, or one is not finite or not as `allowed`.
     """
     if values is None or len(values) == 0:
         return None
     if len(values) not in (1, n):
         raise InputError(f"--{name}: has {len(values)} values for {n} joints; give one, or one a joint.")
     taken = np.array(list(values) * (n if len(values) == 1 else 1), dtype=float)
-    if not np.all(np.isfinite(taken)) or np.any(taken < lowest) or (positive and np.any(taken <= 0.0)):
-        least = "above 0" if positive else f"{lowest:g} or above"
-        raise InputError(f"--{name}: holds {taken.min():g}; give finite numbers, {least}.")
+    wrong = taken[~np.isfinite(taken) | _SIGNS[allowed](taken)]
+    if wrong.size:
+        raise InputError(f"--{name}: holds {wrong[0]:g}; give finite numbers, {allowed}.")
     return Figures(taken, (f"given: --{name}",) * n)
 
 
@@ -134,7 +151,7 @@ def fit_to_cycles(
     friction = figures["coulomb"].values + figures["viscous"].values * speed
     left = np.maximum(torque.values - holding - friction, 0.2 * torque.values)
     total = inertia + figures["rotor_inertia"].values
-    option = take_option("acceleration-limit", accelerations, len(speed), positive=True)
+    option = take_option("acceleration-limit", accelerations, len(speed), "above 0")
     first = np.minimum(0.7 * left / total, speed / START_TIME) if option is None else option.values
     drive = fields["drive"]
     steps = SLOWEST if option is not None else 0
@@ -143,27 +160,25 @@ def fit_to_cycles(
         drive["acceleration_limit"] = round_figures(limits)
         drive["jerk_limit"] = round_figures(JERK_RATE * limits)
         model = make_model(fields, text, fields["name"])
-        torque = figures["torque_limit"]
         moving, still = _find_peaks(model)
         over = moving > ROOM * torque.values
-        if np.any(over) and steps < SLOWEST:
-            # Along the same path, the torque that motion adds is proportional to the acceleration.
-            room = (ROOM * torque.values - still)[over] / (moving - still)[over]
-            needed = np.log(max(float(room.min()), 1e-9)) / np.log(SLOWER)
-            steps = min(SLOWEST, steps + int(np.ceil(needed)))
-            limits = SLOWER**steps * first
-            continue
-        raised = np.where(over, moving / ROOM, torque.values)
-        notes = [
-            f"joint '{model.joints[k]}': the torque limit {torque.values[k]:.4g} ({torque.origins[k]}) "
-            f"does not carry the arm through the test-cycles; {raised[k]:.4g} was assumed, so state "
-            "the real one with --torque-limit, or a lighter --payload."
-            for k in np.flatnonzero(over)
-        ]
-        if np.any(over):
-            figures["torque_limit"] = torque.replace(raised, lambda k: "assumed: what the test-cycles need")
-            drive["torque_limit"] = round_figures(raised)
-        break
+        if not np.any(over) or steps == SLOWEST:
+            break
+        # Along the same path, the torque that motion adds is proportional to the acceleration.
+        room = (ROOM * torque.values - still)[over] / (moving - still)[over]
+        needed = np.log(max(float(room.min()), 1e-9)) / np.log(SLOWER)
+        steps = min(SLOWEST, steps + int(np.ceil(needed)))
+        limits = SLOWER**steps * first
+    raised = np.where(over, moving / ROOM, torque.values)
+    notes = [
+        f"joint '{model.joints[k]}': the torque limit {torque.values[k]:.4g} ({torque.origins[k]}) "
+        f"does not carry the arm through the test-cycles; {raised[k]:.4g} was assumed, so state "
+        "the real one with --torque-limit, or a lighter --payload."
+        for k in np.flatnonzero(over)
+    ]
+    if np.any(over):
+        figures["torque_limit"] = torque.replace(raised, lambda k: "assumed: what the test-cycles need")
+        drive["torque_limit"] = round_figures(raised)
     why = f"every test-cycle stays within {100 * ROOM:g} % of the torque limit"
     figures["acceleration_limit"] = option or assume(limits, why)
     fields["home"] = round_figures(model.home_posture)
@@ -177,11 +192,9 @@ def _find_peaks(model: RobotModel) -> tuple[Array, Array]:
         seen = load_cycle(name).build(model, 0.05, find_coarse_step(model))
         rest = replace(seen, v=1e-6 * seen.v, a=0.0 * seen.a)
         for factor in (1.0 - PAYLOAD_ERROR, 1.0 + PAYLOAD_ERROR):
-            still = np.maximum(still, np.abs(_torque(rest, model, TEMPERATURES[0], factor)).max(axis=0))
+            held = required_torque(rest, model, TEMPERATURES[0], WEAR, factor)
+            still = np.maximum(still, np.abs(held).max(axis=0))
             for temperature in TEMPERATURES:
-                moving = np.maximum(moving, np.abs(_torque(seen, model, temperature, factor)).max(axis=0))
+                needed = required_torque(seen, model, temperature, WEAR, factor)
+                moving = np.maximum(moving, np.abs(needed).max(axis=0))
     return moving, still
-
-
-def _torque(reference: Reference, model: RobotModel, temperature: float, factor: float) -> Array:
-    return required_torque(reference, model, temperature, WEAR, factor)

@@ -125,7 +125,13 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
     found = {joint.name: joint for joint in tree.joints}
     ordered = [found[joint] for joint in joints]
     n = len(joints)
-    figures = _read_limits(ordered, stated, n)
+    usual_speed = [SPEED["m" if joint.kind == "prismatic" else "rad"] for joint in ordered]
+    limit = choose(
+        take_option("speed-limit", stated.speed_limit, n, "above 0"),
+        _from_urdf(ordered, "velocity"),
+        assume(np.array(usual_speed), "the URDF states none"),
+    )
+    figures = {"speed_limit": limit}
     _refuse_odd(str(urdf), ordered, figures["speed_limit"])
     body = RigidBody(text, joints, list(stated.gravity))
     mass = float(sum(link.mass for link in parse_urdf(text).links.values()))
@@ -139,7 +145,7 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
     speed = figures["speed_limit"].values
     swing = STRENGTH * (holding + 0.5 * inertia * speed / START_TIME)
     figures["torque_limit"] = choose(
-        take_option("torque-limit", stated.torque_limit, n, positive=True),
+        take_option("torque-limit", stated.torque_limit, n, "above 0"),
         _from_urdf(ordered, "effort"),
         assume(swing, f"{STRENGTH:g} times what holding and starting the arm takes"),
     )
@@ -161,17 +167,6 @@ def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], sp
     """
     stated = [friction["coulomb"].values / COULOMB_SHARE, friction["viscous"].values * speed / VISCOUS_SHARE]
     return np.minimum(limit, np.nanmax([*stated, np.sqrt(limit * needed)], axis=0))
-
-
-def _read_limits(ordered: Sequence[Joint], stated: Stated, n: int) -> dict[str, Figures]:
-    default = [SPEED["m" if joint.kind == "prismatic" else "rad"] for joint in ordered]
-    return {
-        "speed_limit": choose(
-            take_option("speed-limit", stated.speed_limit, n, positive=True),
-            _from_urdf(ordered, "velocity"),
-            assume(np.array(default), "the URDF states none"),
-        )
-    }
 
 
 def _refuse_odd(urdf: str, ordered: Sequence[Joint], speed: Figures) -> None:
@@ -210,9 +205,7 @@ def _draw_postures(ordered: Sequence[Joint]) -> Array:
 
 
 def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[str, Figures]:
-    gear = take_option("gear-ratio", stated.gear_ratio, n, -np.inf)
-    if gear is not None and np.any(gear.values == 0.0):
-        raise InputError("--gear-ratio holds a 0; give motor turns per joint turn.")
+    gear = take_option("gear-ratio", stated.gear_ratio, n, "other than 0")
     ratio = choose(
         gear, assume(MOTOR_SPEED / speed, f"{MOTOR_SPEED:g} rad/s of the motor at the speed limit")
     )
@@ -235,7 +228,7 @@ def _read_friction(
     efficiency = take_option("efficiency", stated.efficiency, n)
     losses: list[Figures | None] = [None, None]
     if efficiency is not None:
-        rated = take_option("rated-torque", stated.rated_torque, n, positive=True)
+        rated = take_option("rated-torque", stated.rated_torque, n, "above 0")
         at = torque if rated is None else rated.values
         pairs = [friction_from_efficiency(*one) for one in zip(efficiency.values, at, speed, strict=True)]
         told = "the torque limit" if rated is None else "--rated-torque"

@@ -85,7 +85,7 @@ def position_unit(
     notes: list[str],
 ) -> Array:
     """Factor (n,) from the recorded positions to rad or m, on the motor or joint side as recorded."""
-    counts = take_option("counts-per-turn", mapped.counts_per_turn, len(ordered), positive=True)
+    counts = take_option("counts-per-turn", mapped.counts_per_turn, len(ordered), "above 0")
     if counts is not None:
         notes.append(f"{file.name}: positions are counts of encoders, as stated.")
         turns = np.array([joint.kind != "prismatic" for joint in ordered])
@@ -184,11 +184,9 @@ def align_turns(
 
 
 def take_ratios(gear: Figures | None, why: str, n: int) -> Array:
-    """Gear ratios (n,); `InputError` where they are missing, or hold a 0."""
+    """Gear ratios (n,); `InputError` where they are missing."""
     if gear is None:
         raise InputError(f"{why}: needs the gear ratios; give --gear-ratio.")
-    if np.any(gear.values == 0.0):
-        raise InputError("--gear-ratio holds a 0; give motor turns per joint turn.")
     return gear.values
 
 
