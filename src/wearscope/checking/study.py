@@ -32,8 +32,14 @@ def list_excesses(study: StudyConfig) -> Iterator[str]:
     """Settings that would take over a year of one core or a terabyte, a sentence with the figure each."""
     pairs = len(study.robots) * len(study.cycles)
     cells = pairs * len(study.axes) * len(study.detectors)
-    points = 2 * study.design.count_points(study.factors) + sum(study.count_filling_points())
-    points += study.simulation.nominal_runs + study.count_audit_points()
+    points = sum(
+        (
+            2 * study.design.count_points(study.factors),
+            *study.count_filling_points(),
+            study.simulation.nominal_runs,
+            study.count_audit_points(),
+        )
+    )
     direct = study.direct.runs + bool(study.direct.mismatch) * study.direct.mismatch_runs
     runs = pairs * points + 2 * direct * study.direct.enabled
     slower = max(1.0, USUAL_STEP / study.simulation.step)

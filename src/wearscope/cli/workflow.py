@@ -259,10 +259,12 @@ def build_command(
         check_plain(snakefile, limits.TEXT_BYTES, "name a Snakefile")
     own = snakefile.resolve() if snakefile is not None else home / "Snakefile"
     profile = own.parent / "profiles" / "default"
-    command = [*PYTHON, "-m", "snakemake", "--cores", str(cores)]
-    command += ["--snakefile", str(own), "--directory", str(folder)]
-    command += ["--workflow-profile", str(profile if profile.is_dir() else home / "profiles" / "default")]
-    return [*command, "--configfile", str(settings), *options, "--", *targets]
+    return [
+        *(*PYTHON, "-m", "snakemake", "--cores", str(cores)),
+        *("--snakefile", str(own), "--directory", str(folder)),
+        *("--workflow-profile", str(profile if profile.is_dir() else home / "profiles" / "default")),
+        *("--configfile", str(settings), *options, "--", *targets),
+    ]
 
 
 def call_snakemake(

@@ -91,8 +91,14 @@ class PlannedMotion:
         """The same motion with this robot's limits, which hold whatever robot it is built for later."""
         low, high = model.position_limits
         speed, acceleration, jerk = model.motion_limits()
-        values = {"home": model.home_posture, "lower": low, "upper": high}
-        values |= {"speed": speed, "acceleration": acceleration, "jerk": jerk}
+        values = {
+            "home": model.home_posture,
+            "lower": low,
+            "upper": high,
+            "speed": speed,
+            "acceleration": acceleration,
+            "jerk": jerk,
+        }
         return replace(self, within={key: x.tolist() for key, x in values.items()})
 
     def make_cycle(self, joints: list[str]) -> Cycle:

@@ -37,13 +37,9 @@ def model_terms(model: str, names: Sequence[str]) -> tuple[str, ...]:
     """
     if model not in MODELS:
         raise InputError(f"models: there is no '{model}'; choose among {', '.join(MODELS)}.")
-    terms = ["1", *names]
-    if model == "main":
-        return tuple(terms)
-    second = [name for name in names if model == "full" or name != FAULT]
-    terms += [f"{a}:{b}" for a, b in combinations(second, 2)]
-    terms += [f"{name}^2" for name in second]
-    return tuple(terms)
+    second = {"main": (), "simplified": [name for name in names if name != FAULT], "full": names}[model]
+    interactions = (f"{a}:{b}" for a, b in combinations(second, 2))
+    return ("1", *names, *interactions, *(f"{name}^2" for name in second))
 
 
 def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:

@@ -64,15 +64,13 @@ class Detection:
     def write(self, folder: str | Path) -> None:
         """Write the tables, and ``detection.json`` last."""
         out = Path(folder)
+        pure = ("wear", "wear_low", "wear_high", "wear_detected", "p_value", "p_f", "scatter_ratio")
         units = {
-            "wear": "1",
-            "wear_low": "1",
-            "wear_high": "1",
-            "temperature_change": "K",
+            **dict.fromkeys(pure, "1"),
+            **dict.fromkeys(("temperature_change", "warmer"), "K"),
             "payload_error": "%",
+            **dict.fromkeys(("y", "threshold"), "as the column unit says"),
         }
-        units |= {"warmer": "K", "wear_detected": "1", "p_value": "1", "p_f": "1", "scatter_ratio": "1"}
-        units |= dict.fromkeys(("y", "threshold"), "as the column unit says")
         for name in TABLES:
             table = getattr(self, name)
             known = {column: unit for column, unit in units.items() if column in table}

@@ -209,9 +209,8 @@ def _tabulate(
         part = designs[set_name][names].sort_values("point", kind="stable", ignore_index=True)
         part = view_for_axis(part, axis, factors).assign(set=set_name)
         answers = [outcomes[set_name, int(point)] for point in part["point"]]
-        part["y"] = np.array([y for y, _ in answers], dtype=float)
-        part["status"] = [status for _, status in answers]
-        parts.append(part)
+        y, status = np.array([y for y, _ in answers], dtype=float), [status for _, status in answers]
+        parts.append(part.assign(y=y, status=status))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -216,21 +216,24 @@ def audit_table(
         low, high = surrogate.prediction_interval(z)
         known = chosen is None and np.isfinite(surrogate.sigma) and surrogate.sigma > 0
         leverage = (surrogate.standard_error(z) / surrogate.sigma) ** 2 if known else np.full(len(z), np.nan)
-        part = cell[[*CELL, "point", *names]].copy()
-        part.insert(len(CELL), "model", model)
-        part["y_surrogate"] = surrogate.predict(z)
-        part["low"], part["high"] = low, high
-        part["y_direct"] = direct
-        slack = 1e-9 * np.maximum(np.abs(direct), np.abs(part["y_surrogate"].to_numpy()))
-        part["inside"] = (direct >= low - slack) & (direct <= high + slack)
-        part["failed"] = ~np.isfinite(direct)
-        if "status" in cell:
-            part["status"] = cell["status"]
-        part["leverage"] = leverage
-        part["extrapolated"] = leverage > 1
+        predicted = surrogate.predict(z)
+        slack = 1e-9 * np.maximum(np.abs(direct), np.abs(predicted))
         runs = draw_runs(surrogate, z, generator_for(0, "audit", cell_name(key)), DRAWS)
         outside = np.sum((runs < low - slack) | (runs > high + slack), axis=1)
-        part["variance"] = outside.var() / len(z)
+        part = cell[CELL].assign(
+            model=model,
+            **cell[["point", *names]],
+            y_surrogate=predicted,
+            low=low,
+            high=high,
+            y_direct=direct,
+            inside=(direct >= low - slack) & (direct <= high + slack),
+            failed=~np.isfinite(direct),
+            **cell[[name for name in ("status",) if name in cell]],
+            leverage=leverage,
+            extrapolated=leverage > 1,
+            variance=outside.var() / len(z),
+        )
         parts.append(part)
     table = pd.concat(parts, ignore_index=True)
     if points is not None:

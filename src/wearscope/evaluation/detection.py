@@ -22,7 +22,7 @@ from wearscope.evaluation.sampled_scope import (
 from wearscope.evaluation.scope import alarm_threshold, scope_quadratics, tail_probability
 from wearscope.surrogates.fitting import CELL
 from wearscope.surrogates.selection import ChosenSurrogate
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.surrogate import Surrogate, hold_levels
 
 STEPS = 33
 
@@ -58,8 +58,7 @@ def response_table(
     parts = []
     for key, surrogate in cells:
         for factor in factors:
-            z = np.tile([levels[name] for name in surrogate.names], (steps, 1)).astype(float)
-            z[:, surrogate.names.index(factor.name)] = line
+            z = hold_levels(surrogate.names, levels, {factor.name: line})
             low, high = surrogate.prediction_interval(z)
             columns = {"coded": line, "natural": factor.to_natural(line), "y": surrogate.predict(z)}
             parts.append(((*key[:4], factor.name), columns | {"low": low, "high": high}))
@@ -97,8 +96,7 @@ def simulated_table(
         left = y - surrogate.predict(z)
         for factor in factors:
             k = surrogate.names.index(factor.name)
-            held = np.tile([levels[name] for name in surrogate.names], (len(z), 1)).astype(float)
-            held[:, k] = z[:, k]
+            held = hold_levels(surrogate.names, levels, {factor.name: z[:, k]})
             columns = {
                 "set": own["set"].to_numpy(),
                 "point": own["point"].to_numpy(),
@@ -172,13 +170,14 @@ def detection_table(
     for key, surrogate in cells:
         for factor in factors:
             h, p_d = _detect(surrogate, factor, levels, f0, deltas, sigmas, wanted)
-            columns = {
-                name: grid.ravel() for name, grid in zip(("sigma", "delta", "p_f"), grids, strict=True)
+            table = {
+                **dict(zip(CELL, key, strict=False)),
+                "factor": factor,
+                **{name: grid.ravel() for name, grid in zip(("sigma", "delta", "p_f"), grids, strict=True)},
+                "threshold": np.broadcast_to(h[:, None, :], shape).ravel(),
+                "p_d": p_d.ravel(),
             }
-            columns["threshold"] = np.broadcast_to(h[:, None, :], shape).ravel()
-            columns["p_d"] = p_d.ravel()
-            named = dict(zip(CELL, key, strict=False))
-            parts.append(pd.DataFrame({**named, "factor": factor, **columns}))
+            parts.append(pd.DataFrame(table))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -59,10 +59,7 @@ def direct_design(
         z = np.clip(drawn, CODED_LOW, CODED_HIGH)
         z[:, names.index(worn_factor(factors, axis))] = f
         rows.append(z)
-    table = design_table(np.vstack(rows), factors)
-    table["hypothesis"] = np.repeat(["H0", "H1"], runs)
-    table["axis"] = axis
-    return table
+    return design_table(np.vstack(rows), factors).assign(hypothesis=np.repeat(["H0", "H1"], runs), axis=axis)
 
 
 def mismatch_design(

@@ -15,6 +15,7 @@ from wearscope.evaluation.scope import METHODS, check_setting, long_table
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
 from wearscope.surrogates.fitting import cell_name
 from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
+from wearscope.surrogates.surrogate import hold_levels
 
 Array = NDArray[np.float64]
 #: Standard normal points on which a nuisance is spread; the grid is fine where P_f' and 1 - P_d' are decided.
@@ -36,10 +37,8 @@ def tabulated_points(
     names: Sequence[str], factor: str, faults: Array, nodes: Array, levels: Mapping[str, float]
 ) -> Array:
     """Coded points (J W, n): each fault level with each level of the nuisance, all else held."""
-    z = np.tile([levels[name] for name in names], (len(faults) * len(nodes), 1)).astype(float)
-    z[:, list(names).index(FAULT)] = np.repeat(faults, len(nodes))
-    z[:, list(names).index(factor)] = np.tile(nodes, len(faults))
-    return z
+    varied = {FAULT: np.repeat(faults, len(nodes)), factor: np.tile(nodes, len(faults))}
+    return hold_levels(names, levels, varied)
 
 
 def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:

@@ -17,7 +17,7 @@ from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
 from wearscope.evaluation.snr import output_status
 from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
-from wearscope.surrogates.surrogate import Surrogate, expand_coefficients
+from wearscope.surrogates.surrogate import Surrogate, expand_coefficients, hold_levels
 
 METHODS = ("exact", "kde")
 Array = NDArray[np.float64]
@@ -247,9 +247,7 @@ def along_operator(
     """Matrices (J, p, 3) that turn coefficients into a, b, c of `Surrogate.along` at fault levels (J,)."""
     names = surrogate.names
     k = names.index(factor)
-    held = {**levels, FAULT: 0.0, factor: 0.0}
-    z = np.tile([held[name] for name in names], (np.size(faults), 1))
-    z[:, names.index(FAULT)] = faults
+    z = hold_levels(names, {**levels, factor: 0.0}, {FAULT: np.atleast_1d(faults)})
     constant, linear, q = expand_coefficients(np.eye(len(surrogate.terms)), surrogate.terms, names)
     level = constant + z @ linear.T + ((z @ q) * z).sum(axis=-1).T
     slope = linear[:, k] + 2 * z @ q[:, k].T
@@ -487,19 +485,21 @@ def check_setting(
 def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
     """Long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
     size = deltas.size * sigmas.size
-    columns: dict[str, object] = {}
-    for k, name in enumerate([*CELL, "model"]):
-        columns[name] = np.repeat(np.array([block[0][k] for block in blocks]), size)
-    columns["factor"] = np.repeat(np.array([block[1] for block in blocks]), size)
-    columns["delta"] = np.tile(np.tile(deltas, sigmas.size), len(blocks))
-    columns["sigma"] = np.tile(np.repeat(sigmas, deltas.size), len(blocks))
-    p_d = np.concatenate([block[4].ravel() for block in blocks])
-    columns["p_d"] = p_d
-    columns["passes"] = p_d >= detection
-    columns["method"] = np.repeat(np.array([block[2] for block in blocks]), size)
-    columns["status"] = np.repeat(np.array([block[3] for block in blocks]), size)
-    columns["confidence"] = np.concatenate([block[5].ravel() for block in blocks])
-    return pd.DataFrame(columns)
+    keys, factors, methods, statuses, p_d, confidence = zip(*blocks, strict=True)
+    found = np.concatenate([one.ravel() for one in p_d])
+    return pd.DataFrame(
+        {
+            **{name: np.repeat([key[k] for key in keys], size) for k, name in enumerate([*CELL, "model"])},
+            "factor": np.repeat(factors, size),
+            "delta": np.tile(np.tile(deltas, sigmas.size), len(blocks)),
+            "sigma": np.tile(np.repeat(sigmas, deltas.size), len(blocks)),
+            "p_d": found,
+            "passes": found >= detection,
+            "method": np.repeat(methods, size),
+            "status": np.repeat(statuses, size),
+            "confidence": np.concatenate([one.ravel() for one in confidence]),
+        }
+    )
 
 
 def group_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:

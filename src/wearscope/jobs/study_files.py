@@ -95,9 +95,11 @@ class StudyFiles:
 
     def list_partition_code(self) -> list[Any]:
         """Source files that what a partition makes depends on, each once."""
-        files = [file for script in _PARTITION for file in self.code(script)]
-        files += self.code("simulate_points", *self.cycle_files())
-        files += self.code("compute_test_quantities", *self.detector_files())
+        files = [
+            *(file for script in _PARTITION for file in self.code(script)),
+            *self.code("simulate_points", *self.cycle_files()),
+            *self.code("compute_test_quantities", *self.detector_files()),
+        ]
         return list(dict.fromkeys(files))
 
     @cached_property

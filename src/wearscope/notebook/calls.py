@@ -12,16 +12,11 @@ import pandas as pd
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
-from wearscope.notebook.results import (
-    DetectionResult,
-    DiagnosisResult,
-    EvaluationResult,
-    TrackingResult,
-    read_changes,
-)
+from wearscope.notebook.results import DetectionResult, DiagnosisResult, EvaluationResult, TrackingResult
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.mapped import Mapped
+from wearscope.storage.tables import read_table
 
 Say = Callable[[str], None]
 #: Data frames by the names that their runs get.
@@ -120,7 +115,7 @@ def track(
     ):
         out = Path(folder) if folder is not None else Path(place)
         content = follow(data, out, progress=progress, allow_code=allow_code)
-        return TrackingResult(content, read_changes(out))
+        return TrackingResult(content, read_table(out / "changes.parquet"))
 
 
 def detect(

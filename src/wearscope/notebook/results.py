@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -238,8 +237,10 @@ class DetectionResult(Shown):
 
     def summary(self) -> pd.DataFrame:
         """A row a recording, joint and detector that was judged: value, threshold, verdict, wear."""
-        names = ["run", "session", "joint", "fda", "y", "threshold", "unit", "verdict", "wear"]
-        names += ["wear_low", "wear_high"]
+        names = [
+            *("run", "session", "joint", "fda", "y", "threshold", "unit", "verdict"),
+            *("wear", "wear_low", "wear_high"),
+        ]
         table = self.outcome.detection
         table = table.loc[table["kind"] == "judged", names].reset_index(drop=True)
         return with_units(table, {"y": OWN_UNIT, "threshold": OWN_UNIT})
@@ -305,10 +306,3 @@ class EvaluationResult(Shown):
         ax.barh(rows["joint"], rows["error_percent"], color=PALETTE[0])
         ax.set_xlabel("torque that is not predicted [%]")
         return ax
-
-
-def read_changes(folder: str | Path) -> pd.DataFrame:
-    """``changes.parquet`` of a tracking."""
-    from wearscope.storage.tables import read_table
-
-    return read_table(Path(folder) / "changes.parquet")

@@ -24,8 +24,8 @@ _ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
 _WORDS = "detection/words.html"
 #: Colour of what is said first; any other verdict is unsure.
 _KINDS = {"alarm": "bad", "no alarm": "good"}
-#: Kind of conclusion and wording for a recording, by its verdict.
-_OUTCOMES = {"alarm": ("alarm", "alarm."), "no alarm": ("plain", "no alarm.")}
+#: Kind of conclusion on a recording by its verdict; any other verdict is a notice.
+_SAID = {"alarm": "alarm", "no alarm": "plain"}
 #: Verdicts that give no answer, and the reason.
 _OPEN = {
     "withheld": "No threshold",
@@ -122,47 +122,36 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
     said: dict[tuple[str, str], list[str]] = {}
     lead = lead_verdicts(found.judged)
     for run, rows in found.judged.groupby("run", sort=False):
-        session = rows["session"].iloc[0]
-        name = f"{run} ({session})" if session else str(run)
-        kind, outcome = _OUTCOMES.get(lead[run], ("notice", "not decided."))
-        if kind == "alarm":
-            alarms = rows[rows["verdict"] == "alarm"]
-            outcome += f" {_tell_alarms(alarms)}.{_tell_warmth(alarms)}"
-        said.setdefault((kind, f"{outcome}{_tell_rest(rows)}"), []).append(name)
+        session, kind = rows["session"].iloc[0], _SAID.get(lead[run], "notice")
+        text = say(_WORDS, "outcome", kind, *_describe_outcome(rows)).striptags()
+        said.setdefault((kind, text), []).append(f"{run} ({session})" if session else str(run))
     sentences = [(kind, f"{join_words(names)}: {text}") for (kind, text), names in said.items()]
     return sorted(sentences, key=lambda one: ("alarm", "notice", "plain").index(one[0]))
 
 
-def _tell_alarms(alarms: pd.DataFrame) -> str:
-    """Which detectors alarm at which joints, and the wear that gives such values where it is simulated."""
-    told = []
-    for fda, rows in alarms.groupby("fda", sort=True):
-        likes = [
-            f" (as at wear {format_number(float(one), 2)})" * bool(np.isfinite(one)) for one in rows["wear"]
-        ]
-        places = [f"{joint}{like}" for joint, like in zip(rows["joint"], likes, strict=True)]
-        told.append(f"{fda} at {join_words(places)}")
-    return "; ".join(told)
-
-
-def _tell_warmth(alarms: pd.DataFrame) -> str:
-    """How much warmer or colder the joints with an alarm were, where it is more than a kelvin."""
-    away = alarms.drop_duplicates("joint")
-    parts = [
-        f"{joint} was {format_number(abs(warmer), 2)} K {'warmer' if warmer > 0 else 'colder'}"
-        for joint, warmer in zip(away["joint"], away["warmer"], strict=True)
-        if abs(warmer) > WARMER
+def _describe_outcome(rows: pd.DataFrame) -> tuple[list[Any], list[str], list[Any]]:
+    """Of a recording: places of its alarms by detector, joints that were warmer there, what is left open."""
+    alarms = rows[rows["verdict"] == "alarm"]
+    places = [
+        (fda, [f"{row.joint}{_tell_like(row.wear)}" for row in own.itertuples()])
+        for fda, own in alarms.groupby("fda", sort=True)
     ]
-    return f" {say(_WORDS, 'warmth', join_words(parts)).striptags()}".rstrip()
+    warmer = [
+        f"{row.joint} was {format_number(abs(row.warmer), 2)} K {'warmer' if row.warmer > 0 else 'colder'}"
+        for row in alarms.drop_duplicates("joint").itertuples()
+        if abs(row.warmer) > WARMER
+    ]
+    left = [(text, rows[rows["verdict"] == verdict]) for verdict, text in _OPEN.items()]
+    unknown = [
+        (text, [(fda, sorted(part["joint"])) for fda, part in own.groupby("fda", sort=True)])
+        for text, own in left
+    ]
+    return places, warmer, unknown
 
 
-def _tell_rest(rows: pd.DataFrame) -> str:
-    parts = []
-    for verdict, text in _OPEN.items():
-        own = rows[rows["verdict"] == verdict].groupby("fda", sort=True)
-        where = [f"{fda} at {join_words(sorted(part['joint']))}" for fda, part in own]
-        parts += [f" {text}: {'; '.join(where)}."] if where else []
-    return "".join(parts)
+def _tell_like(wear: float) -> str:
+    """Simulated wear that gives such a value; empty where it is not known."""
+    return f" (as at wear {format_number(float(wear), 2)})" if np.isfinite(wear) else ""
 
 
 def tell_scatter(found: Detections) -> list[Markup]:

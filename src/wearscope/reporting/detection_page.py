@@ -181,8 +181,10 @@ def _values(found: Detections) -> Markup:
         "Wear like it: the simulated wear that gives such a test quantity. detection.parquet has the nominal "
         "recordings too."
     )
-    columns = "run|recording; session; joint; fda|detector; verdict; y|test quantity; threshold; "
-    columns += "warmer|warmer by [K]; wear|wear like it (95 %)"
+    columns = (
+        "run|recording; session; joint; fda|detector; verdict; y|test quantity; threshold; "
+        "warmer|warmer by [K]; wear|wear like it (95 %)"
+    )
     return _fold(records, caption, f"All {len(records)} values", columns)
 
 
@@ -203,9 +205,11 @@ def _thresholds(found: Detections) -> Markup:
         "Scatter: of the nominal recordings, over that of the simulated runs, which are widened for the "
         "threshold."
     )
-    columns = "motion; joint; fda|detector; threshold; p_f|false-alarm rate (95 %); "
-    columns += "wear_detected|wear detected from; nominal_runs|nominal recordings; "
-    columns += "nominal_above|of them above; scatter_ratio|scatter; widening|widened by"
+    columns = (
+        "motion; joint; fda|detector; threshold; p_f|false-alarm rate (95 %); "
+        "wear_detected|wear detected from; nominal_runs|nominal recordings; "
+        "nominal_above|of them above; scatter_ratio|scatter; widening|widened by"
+    )
     return _fold(records, caption, "All thresholds", columns)
 
 
@@ -232,9 +236,9 @@ def _setting(found: Detections) -> Markup:
         "ranges in the study (standard deviation). The torque noise is that of "
         f"{summary['torque_noise_from']}. Recorded and simulated runs "
         "were filtered alike.",
-    ]
-    for motion, one in summary["motions"].items():
-        sentences.append(
+        *(
             f"{upper_first(motion)}, {format_number(one['seconds'])} s: nominal {', '.join(one['nominal'])}."
-        )
+            for motion, one in summary["motions"].items()
+        ),
+    ]
     return render_part(told=sentences)

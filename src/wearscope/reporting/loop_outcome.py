@@ -340,8 +340,10 @@ def render_events(loop: ClosedLoop) -> Markup:
         | {"false alarms": _tell_rate(one["false_alarms_per_hour_at_most"])}
         for joint, one in (thresholds or {}).items()
     ]
-    note = "Pushes or collisions that the corrected model does not predict, in the recording's own time. "
-    note += "Their rows count in no fit."
+    note = (
+        "Pushes or collisions that the corrected model does not predict, in the recording's own time. "
+        "Their rows count in no fit."
+    )
     told = "Of a collision detector: the largest torque that the model misses on test runs without events."
     return render_part(
         notes=[note if events else "No push and no collision was seen."],

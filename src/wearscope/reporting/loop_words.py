@@ -25,7 +25,7 @@ STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
 #: Largest number of names in a headline.
 _MOST_NAMES = 3
-#: Beginnings of the notes on a load that the refitted masses imitate, and on loads that differ by run.
+#: How notes on the load begin: refitted masses that act as a payload, and payloads that differ between runs.
 LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")
 
 

@@ -168,8 +168,13 @@ def render_page(
 
 def describe_study(config: Mapping[str, Any], robots: int) -> str:
     """Subtitle of a study's page: numbers of robots, test-cycles, axes and detectors."""
-    counts = {"detector": len(config["detectors"]), "robot": robots, "test-cycle": len(config["cycles"])}
-    counts |= {"axis": len(config["axes"]), "factor": len(config["factors"])}
+    counts = {
+        "detector": len(config["detectors"]),
+        "robot": robots,
+        "test-cycle": len(config["cycles"]),
+        "axis": len(config["axes"]),
+        "factor": len(config["factors"]),
+    }
     return ", ".join(count_text(n, what, "axes" * (what == "axis")) for what, n in counts.items())
 
 

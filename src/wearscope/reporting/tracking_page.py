@@ -43,8 +43,12 @@ from wearscope.storage import tables
 
 _WORDS = "tracking/strip.html"
 _OPEN = "changed, cause not told"
-_STATES = {"healthy, held out": "square", "no change named": "circle", "change named": "diamond"}
-_STATES |= {_OPEN: "triangle-up"}
+_STATES = {
+    "healthy, held out": "square",
+    "no change named": "circle",
+    "change named": "diamond",
+    _OPEN: "triangle-up",
+}
 _TINTS = ("var(--soft)", "var(--after)", "var(--before)", "var(--c5)")
 _SHARE = "friction"
 #: Effects that count as wear, for maintenance.

@@ -15,7 +15,7 @@ from wearscope.errors import InputError, describe, explain_breach
 from wearscope.storage.files import DamagedFile, read_json
 from wearscope.storage.tables import check_unpacked
 
-#: Features of joints and the word of their kind; the name of a single value may state another kind.
+#: Kind of what a feature records of the joints; the name of a single value may state another kind.
 _FEATURES = {
     "observation.state": "position",
     "observation.velocity": "velocity",

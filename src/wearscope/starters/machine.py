@@ -8,7 +8,7 @@ The example is a robot's URDF and recordings of it, as a maker and a drive's rec
 
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -67,11 +67,13 @@ def make_machine() -> RobotModel:
     sensors |= {name: sensors[name][:JOINTS] for name in ("encoder_resolution", "torque_noise")}
     joints = whole["joints"][:JOINTS]
     effects = [
-        {"joint": joint, "effect": effect, "parameters": {name: value}}
-        for effect, name, values in (("coulomb", "level", COULOMB), ("viscous", "slope", VISCOUS))
-        for joint, value in zip(joints, values, strict=True)
+        *(
+            {"joint": joint, "effect": effect, "parameters": {name: value}}
+            for effect, name, values in (("coulomb", "level", COULOMB), ("viscous", "slope", VISCOUS))
+            for joint, value in zip(joints, values, strict=True)
+        ),
+        *map(asdict, PLANTED),
     ]
-    effects += [{"joint": p.joint, "effect": p.effect, "parameters": p.parameters} for p in PLANTED]
     return load_model("medium").replace(
         name="example-arm", joints=joints, drive=drive, sensors=sensors, payload=None,
         home=whole["home"][:JOINTS], wear_axes=joints, effects=effects,
@@ -160,8 +162,11 @@ def write_example(target: Path) -> None:
     model = load_model("medium").replace(payload=None)
     axis = model.wearing([2])
     carrying = model.replace(payload={"mass": TOOL, "com": [0.05, 0.0, 0.1]})
-    sessions = dict.fromkeys(("friday", "saturday", "unchanged"), (model, 0.0))
-    sessions |= {"worn": (axis, WEAR), "tool": (carrying, 0.0)}
+    sessions = {
+        **dict.fromkeys(("friday", "saturday", "unchanged"), (model, 0.0)),
+        "worn": (axis, WEAR),
+        "tool": (carrying, 0.0),
+    }
     with new_folder(target) as folder:
         shutil.copytree(example_dataset(), folder / "machine", copy_function=copy_file)
         copy_file(find_home() / "config" / "robots" / "medium" / "robot.urdf", folder / "arm.urdf")

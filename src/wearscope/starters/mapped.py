@@ -173,9 +173,9 @@ def describe_groups(groups: Mapping[str, Group]) -> list[str]:
     ]
 
 
-#: Rates of two recordings may differ by this share: the reader brings them to one.
+#: Recordings whose rates differ by less than this share have one rate; the data set's reader resamples them.
 _OFF = 0.15
-#: Share of a lone recording's motion that is kept for training; a second then lies before the test.
+#: Share of a lone recording's motion that trains, and the gap between it and the test part [s].
 _TRAINING, _GAP = 0.7, 1.0
 #: Least length of a part [s]; steps in which its motion is added up [s].
 _PART, _STEP = 2.0, 0.1

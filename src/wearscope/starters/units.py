@@ -27,8 +27,8 @@ class _Scale:
     farthest: float
 
 
-#: Positions are in the smaller unit where they would reach this far in the platform's unit, or so far beyond
-#: the URDF's limits.
+#: Each scale has the largest position that is believed in the platform's unit [rad or m]. Positions beyond
+#: it, or beyond the URDF's limits by the factor `_BEYOND`, are in the smaller unit.
 _SCALES = (
     _Scale(False, "rad", "deg", np.pi / 180.0, 4.0 * np.pi),
     _Scale(True, "m", "mm", 1e-3, 30.0),

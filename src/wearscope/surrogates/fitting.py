@@ -170,10 +170,8 @@ def fit_surrogates(
             part = surrogate_rows(surrogate)
             for position, (name, value) in enumerate(zip([*CELL, "model"], [*key, model], strict=True)):
                 part.insert(position, name, value)
-            part["n_points"] = len(good)
-            part["n_failed"] = len(cell) - len(good)
-            part["status"] = surrogate.status
-            parts.append(part)
+            counts = {"n_points": len(good), "n_failed": len(cell) - len(good)}
+            parts.append(part.assign(**counts, status=surrogate.status))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -1,5 +1,6 @@
 """A second-order regression of the test quantity on coded factors, with its own uncertainty."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,12 @@ from wearscope.designs.bases import linear_names, model_matrix, term_exponents
 from wearscope.designs.factors import FAULT
 
 Array = NDArray[np.float64]
+
+
+def hold_levels(names: Sequence[str], levels: Mapping[str, float], varied: Mapping[str, Array]) -> Array:
+    """Coded points (M, n), a column for each name: factors that vary, (M,), and all others at `levels`."""
+    columns = (varied[name] if name in varied else levels[name] for name in names)
+    return np.column_stack(np.broadcast_arrays(*columns)).astype(float)
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,6 @@ def save_reference(path: str | Path, reference: Reference, healthy: Sequence[Map
     """Write a reference with the records of its sessions whole or not at all; equal ones give equal bytes."""
     structure = reference.structure
     frame = structure.frame
-    arrays: dict[str, np.ndarray] = {name: getattr(frame, name) for name in _FRAME}
-    arrays |= {"reversal_width": frame.reversals.width, "reversal_form": frame.reversals.form}
-    arrays |= {f"scales_{name}": value for name, value in asdict(structure.scales).items()}
-    arrays |= {name: getattr(structure, name) for name in _STRUCTURE}
-    arrays |= {name: getattr(reference, name) for name in _REFERENCE}
-    arrays |= {"mean": reference.belief.mean, "covariance": reference.belief.covariance}
     words = {
         "sessions": reference.sessions,
         "joints": structure.joints,
@@ -49,7 +43,17 @@ def save_reference(path: str | Path, reference: Reference, healthy: Sequence[Map
         "healthy": list(healthy),
         "robot": {"fields": reference.robot.to_mapping(), "urdf": reference.robot.urdf_text},
     }
-    arrays["words"] = np.array(json.dumps(words))
+    arrays = {
+        **{name: getattr(frame, name) for name in _FRAME},
+        "reversal_width": frame.reversals.width,
+        "reversal_form": frame.reversals.form,
+        **{f"scales_{name}": value for name, value in asdict(structure.scales).items()},
+        **{name: getattr(structure, name) for name in _STRUCTURE},
+        **{name: getattr(reference, name) for name in _REFERENCE},
+        "mean": reference.belief.mean,
+        "covariance": reference.belief.covariance,
+        "words": np.array(json.dumps(words)),
+    }
 
     def write(name: str) -> None:
         content = io.BytesIO()

@@ -78,8 +78,11 @@ def loop_tables(loop: ClosedLoop) -> dict[str, pd.DataFrame]:
 
 def _list_errors(loop: ClosedLoop) -> pd.DataFrame:
     """RMS errors on the test runs: ``joint``, ``unit``, ``kind``, ``value``, ``low``, ``high``."""
-    fields = {stage: f"rms_{stage}" for stage in STAGES}
-    fields |= {"as declared": "rms_as_declared", "noise floor": "noise_floor"}
+    fields = {
+        **{stage: f"rms_{stage}" for stage in STAGES},
+        "as declared": "rms_as_declared",
+        "noise floor": "noise_floor",
+    }
     records = []
     for joint, one in loop.verdict["joints"].items():
         for kind, field in fields.items():

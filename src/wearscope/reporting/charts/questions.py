@@ -114,8 +114,11 @@ def chart_snr(study: Study) -> Chart:
     robots = sorted(study.snr["robot"].unique())
     tints = {robot: f"var(--c{k % 6})" for k, robot in enumerate(robots)}
     tints.setdefault(together(study), "var(--ink)")
-    look: dict[str, Any] = {"y": detector_rows(study.detector_names())}
-    look |= {"yOffset": offset("robot:N", tints), "color": tint("robot:N", tints)}
+    look: dict[str, Any] = {
+        "y": detector_rows(study.detector_names()),
+        "yOffset": offset("robot:N", tints),
+        "color": tint("robot:N", tints),
+    }
     cells = named("snr").transform_filter(f"!({_is_upper(study)})").mark_circle(opacity=0.6)
     points = cells.encode(x=symlog("snr:Q", "signal-to-noise ratio"), tooltip=cell_tips(_SNR), **look)
     told = "fda:N|detector; robot:N; median:Q|median SNR|.3; low:Q|95 % from|.3; high:Q|to|.3; rank:Q"
