@@ -445,11 +445,12 @@ DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[4] / "shared
 
 @pytest.mark.parametrize("name", ["emps", "kr300"])
 def test_real_machines_are_believed(name):
+    """Bodies that are off may be noted: on KR300 a diagnosis names and confirms a payload error."""
     if not (DATA / name).is_dir():
         pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
     prepared = check(DATA / name)
     assert prepared.moving.all()
-    assert not any(re.search("at a limit|cut off|times as large|times what", note) for note in prepared.notes)
+    assert not any(re.search("at a limit|cut off|times as large", note) for note in prepared.notes)
 
 
 @pytest.mark.slow
