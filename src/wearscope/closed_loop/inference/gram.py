@@ -17,9 +17,9 @@ from wearscope.closed_loop.model.regression import ROUNDS, SETTLED
 from wearscope.closed_loop.model.terms import Candidate
 
 #: Ridge on every coefficient, as a share of its information, for those that the runs do not determine.
-_TINY = 1e-10
+TINY = 1e-10
 #: Share of a column's square that a model leaves at least, even where it absorbs the column to rounding.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 class Gram:
@@ -173,7 +173,7 @@ class Fit:
         size = np.zeros(self.p)
         for k, own, weight in zip(self.at, self._grams, self.weight, strict=True):
             size[k] += np.einsum("uii->i", own) * weight
-        out = np.diag(_TINY * np.maximum(size, 1e-12))
+        out = np.diag(TINY * np.maximum(size, 1e-12))
         for term, span in zip(self.terms, self.spans, strict=True):
             if term.candidate.penalty is not None:
                 out[span, span] += term.penalty / self._scale_of(term.candidate)
@@ -212,7 +212,7 @@ class Fit:
         onto = inverse @ cross
         inner = own - cross.swapaxes(1, 2) @ onto
         inner = 0.5 * (inner + inner.swapaxes(1, 2))
-        np.einsum("fmm->fm", inner)[...] += _ROUNDING * np.einsum("fmm->fm", own) + 1e-300
+        np.einsum("fmm->fm", inner)[...] += ROUNDING * np.einsum("fmm->fm", own) + 1e-300
         schur = np.linalg.inv(inner)
         away = score - np.einsum("fpm,fp->fm", cross, theta)
         beta = np.einsum("fij,fj->fi", schur, away)
@@ -368,7 +368,7 @@ class Fit:
         inverse, theta = self.solved[0][0], self.theta
         inner = own - cross @ inverse @ cross.swapaxes(1, 2)
         inner = 0.5 * (inner + inner.swapaxes(1, 2))
-        np.einsum("smm->sm", inner)[...] += _ROUNDING * power + 1e-300
+        np.einsum("smm->sm", inner)[...] += ROUNDING * power + 1e-300
         reduced = score - cross @ theta
         beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
         return Added(beta, (reduced * beta).sum(axis=1), inner, own)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from wearscope.closed_loop.inference.gram import ROUNDING, TINY
 from wearscope.closed_loop.inference.layout import Layout
 
 
@@ -12,10 +13,6 @@ def total(units: np.ndarray, by_unit: np.ndarray) -> np.ndarray:
     """Sums (..., *) of values by unit (U, *), over chosen units (..., U)."""
     flat = units @ by_unit.reshape(len(by_unit), -1)
     return flat.reshape(*units.shape[:-1], *by_unit.shape[1:])
-
-
-#: Ridge on the model's parameters and on a spline's heights, as shares of their information.
-_TINY, _RIDGE = 1e-10, 1e-9
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ class HeldOut:
     def _invert(a: np.ndarray) -> np.ndarray:
         scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
         both = np.outer(scale, scale)
-        return np.asarray(np.linalg.inv(a * both + _TINY * np.eye(len(a))) * both)
+        return np.asarray(np.linalg.inv(a * both + TINY * np.eye(len(a))) * both)
 
     def target(self, torque: np.ndarray) -> Target:
         """Torques (M, S) at the rows that are asked, ready to be explained."""
@@ -111,7 +108,7 @@ class HeldOut:
         own, onto = total(self.train, gram), total(self.train, cross)
         shift = self.inverse @ onto.transpose(0, 2, 1)
         size = np.einsum("fmm->fm", own)
-        inner = own - onto @ shift + penalty + (_RIDGE * size + 1e-300)[:, None] * np.eye(z.shape[1])
+        inner = own - onto @ shift + penalty + (ROUNDING * size + 1e-300)[:, None] * np.eye(z.shape[1])
         beta = np.linalg.solve(inner, total(self.train, score) - onto @ target.theta)
         held = total(self.test, cross)
         mixed, back = held @ shift, shift.transpose(0, 2, 1)
