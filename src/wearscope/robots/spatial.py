@@ -28,7 +28,11 @@ class Inertia:
 
     def to_parameters(self) -> Array:
         """Ten parameters (10,) in the order of `PARAMETER_NAMES`, the tensor about the frame's origin."""
-        return np.asarray(pin.Inertia(self.mass, self.com, self.tensor).toDynamicParameters())
+        # Pinocchio's own conversion refuses inertias that no body has, which estimates may hold.
+        c = self.com
+        origin = self.tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        i, j = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+        return np.concatenate(([self.mass], self.mass * c, origin[i, j]))
 
     @staticmethod
     def from_parameters(parameters: ArrayLike) -> "Inertia":
