@@ -2,10 +2,12 @@
 
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
+
+import yaml
+from calls import call
 
 ROOT = Path(__file__).parents[1]
 TINY = "tests/workflow/tiny"
@@ -13,13 +15,7 @@ TINY = "tests/workflow/tiny"
 
 def copy_tree(target: Path, compiled: bool = True) -> Path:
     """Copy what a clone of the working tree would hold, and what was compiled, which would cost a minute."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    listed = call("git", "ls-files", "--cached", "--others", "--exclude-standard", folder=ROOT)
     caches = ROOT.glob("src/**/__pycache__/*") if compiled else ()
     for name in [*listed.stdout.splitlines(), *(path.relative_to(ROOT).as_posix() for path in caches)]:
         if (ROOT / name).is_file():
@@ -28,20 +24,32 @@ def copy_tree(target: Path, compiled: bool = True) -> Path:
     return target
 
 
+def write_study(folder: Path, name: str, **settings) -> str:
+    """The smallest study with other settings, as a file of a copy; returns the file's name."""
+    study = yaml.safe_load((folder / TINY / "config.yaml").read_text())
+    (folder / f"{name}.yaml").write_text(yaml.safe_dump({**study, "study": name, **settings}))
+    return f"{name}.yaml"
+
+
 def command(*arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml") -> list[str]:
     return [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores), "--configfile", study]
 
 
 def run(folder: Path, *arguments: str, cores: int = 1, study: str = f"{TINY}/config.yaml"):
-    return subprocess.run(
-        command(*arguments, cores=cores, study=study), cwd=folder, capture_output=True, text=True, check=False
-    )
+    return call(*command(*arguments, cores=cores, study=study), folder=folder)
 
 
 def run_well(folder: Path, *arguments: str, **options) -> str:
     done = run(folder, *arguments, **options)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-5000:]
     return done.stdout + done.stderr
+
+
+def run_ill(folder: Path, *arguments: str, **options) -> str:
+    """What a run says that is refused."""
+    done = run(folder, *arguments, **options)
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr[-3000:]
+    return done.stderr
 
 
 def count_jobs(folder: Path, study: str, *arguments: str) -> dict[str, int]:

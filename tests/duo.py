@@ -1,18 +1,12 @@
 """An arm of two joints in a vertical plane: its URDF and motions of it."""
 
 import numpy as np
+from urdf_texts import Joint, describe_robot
 
-URDF = """<robot name="duo">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
-    <inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.15 0.01 0"/><mass value="6"/>
-    <inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="500" velocity="6"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.45 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="300" velocity="6"/></joint>
-</robot>"""
+URDF = describe_robot(
+    Joint("a", "0 1 0", 12, "0.2 0 0.02", "0.05 0.3 0.3", limits="-3 3 500 6"),
+    Joint("b", "0 1 0", 6, "0.15 0.01 0", "0.02 0.1 0.1", "0.45 0 0", limits="-3 3 300 6"),
+)
 JOINTS = ["a", "b"]
 
 

@@ -1,6 +1,10 @@
-"""A data set's folder changed, and read as a diagnosis does; the plans of a short one."""
+"""Folders of data sets: of real machines, changed, and read as a diagnosis does; the plans of a short one."""
+
+import os
+from pathlib import Path
 
 import pandas as pd
+import pytest
 import yaml
 
 from benchmarks.board.recipe import RunPlan
@@ -10,17 +14,33 @@ from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.posing import find_prismatic
 
+
+def plan(*runs):
+    """Runs of a kind of motion that start at a temperature [deg C]; the last is the test run."""
+    last = len(runs) - 1
+    return tuple(
+        RunPlan("test" if k == last else "train", kind, k, warmth) for k, (kind, warmth) in enumerate(runs)
+    )
+
+
 #: Three training runs of different motions, and a test run.
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "sweep", 1, 52.0),
-    RunPlan("train", "points", 2, 31.0),
-    RunPlan("test", "points", 3, 47.0),
-)
+PLANS = plan(("fourier", 24.0), ("sweep", 52.0), ("points", 31.0), ("points", 47.0))
+
+
+def find_real(name):
+    """Folder with the recordings of a real machine; the test skips where there is none."""
+    place = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[2] / "shared" / "data")) / name
+    if not place.is_dir():
+        pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
+    return place
+
+
+def read_prepared(folder):
+    return prepare(read_dataset(folder, find_prismatic))
 
 
 def check(folder):
-    prepared = prepare(read_dataset(folder, find_prismatic))
+    prepared = read_prepared(folder)
     check_plausibility(prepared)
     return prepared
 

@@ -26,6 +26,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from calls import call, start
+
 IMAGE = "stand-in/wearscope:test"
 UNSHARE = ["unshare", "--mount", "--propagation", "private"]
 #: Exit code of a container that was ended by SIGKILL, as by the kernel for its memory.
@@ -38,20 +40,12 @@ class NoStandIn(Exception):
 
 @dataclass
 class Pod:
-    """A job of the cluster and its one pod.
-
-    Attributes
-    ----------
-    body : dict
-        The job as it was submitted.
-    exit_code : int or None
-        Of the container; None while it waits or runs.
-    lost : bool
-        The node went away with the pod: the job has failed, and no pod is left to ask.
-    """
+    """A job of the cluster, as it was submitted, and its one pod."""
 
     body: dict[str, Any]
+    #: Of the container; None while it waits or runs.
     exit_code: int | None = None
+    #: The node went away with the pod: the job has failed, and no pod is left to ask.
     lost: bool = False
     process: subprocess.Popen | None = None
 
@@ -77,20 +71,11 @@ class Pod:
 
 @dataclass
 class Cluster:
-    """State of the stand-in.
-
-    Attributes
-    ----------
-    folder : Path
-        Where it keeps claims, logs and the image's programs.
-    hidden : list of Path
-        Folders that no pod sees.
-    fate : callable
-        Given a pod before it starts: 'runs', 'killed' (once it has started) or 'lost' (with its node).
-    """
+    """State of the stand-in: where it keeps claims, logs and programs, and the folders that no pod sees."""
 
     folder: Path
     hidden: list[Path]
+    #: Given a pod before it starts: 'runs', 'killed' (once it has started) or 'lost' (with its node).
     fate: Callable[[Pod], str] = lambda pod: "runs"
     secrets: dict[str, dict[str, str]] = field(default_factory=dict)
     pods: dict[str, Pod] = field(default_factory=dict)
@@ -141,14 +126,8 @@ class Cluster:
         words = [*UNSHARE, "sh", "-ec", "\n".join(lines), "sh"]
         words += [*pod.container["command"], *pod.container["args"]]
         with open(self.folder / "logs" / pod.name, "wb") as log:
-            pod.process = subprocess.Popen(
-                words,
-                env=self.environment(pod),
-                stdout=log,
-                stderr=log,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-            )
+            streams = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
+            pod.process = start(*words, folder=None, env=self.environment(pod), **streams)
 
     def run(self) -> None:
         """Run what waits, one after the other, until there is a None."""
@@ -186,14 +165,8 @@ class Cluster:
             state = {"running": {}}
         if pod.exit_code is not None:
             state = {"terminated": {"exitCode": pod.exit_code}}
-        status = {
-            "name": "snakemake",
-            "image": IMAGE,
-            "imageID": IMAGE,
-            "ready": "running" in state,
-            "restartCount": 0,
-            "state": state,
-        }
+        status = {"name": "snakemake", "image": IMAGE, "imageID": IMAGE}
+        status |= {"ready": "running" in state, "restartCount": 0, "state": state}
         return {
             "metadata": {"name": f"{pod.name}-x", "labels": {"job-name": pod.name}},
             "spec": pod.body["spec"]["template"]["spec"],
@@ -244,11 +217,8 @@ class Cluster:
     def list_pods(self, query: dict[str, str], body: Any) -> tuple[int, Any]:
         name = query["labelSelector"].removeprefix("job-name=")
         found = [pod for pod in self.pods.values() if pod.name == name and not pod.lost]
-        return 200, {
-            "apiVersion": "v1",
-            "kind": "PodList",
-            "items": [self.describe_pod(pod) for pod in found],
-        }
+        items = [self.describe_pod(pod) for pod in found]
+        return 200, {"apiVersion": "v1", "kind": "PodList", "items": items}
 
     def delete_pod(self, name: str, query: dict[str, str], body: Any) -> tuple[int, Any]:
         if (pod := self.pods.get(name.removesuffix("-x"))) is None:
@@ -346,14 +316,8 @@ def write_kubeconfig(path: Path, port: int) -> Path:
 def start_cluster(
     folder: Path, hidden: list[Path], claims: list[str]
 ) -> Iterator[tuple[Cluster, dict[str, str]]]:
-    """Run a stand-in; yields it and the environment in which a client finds it.
-
-    Raises
-    ------
-    NoStandIn
-        Where no mount namespace can be made; the message says so.
-    """
-    tried = subprocess.run([*UNSHARE, "true"], capture_output=True, text=True, check=False)
+    """Run a stand-in; yields it and the environment in which a client finds it."""
+    tried = call(*UNSHARE, "true")
     if tried.returncode:
         raise NoStandIn(
             f"pods need mount namespaces of their own, and there are none: {tried.stderr.strip()}"

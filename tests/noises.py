@@ -27,3 +27,10 @@ def drift(t, q, v, a, rng):
 def heavy(t, q, v, a, rng):
     """With heavy tails."""
     return 0.8 * rng.standard_t(3, q.shape)
+
+
+def turning(t, q, v, a, rng):
+    """A torque by the place where the joint last turned round, which is no noise."""
+    turned = np.concatenate([[False], (v[1:, 0] > 0.0) != (v[:-1, 0] > 0.0)])
+    last = np.maximum.accumulate(np.where(turned, np.arange(len(t)), 0))
+    return np.column_stack([q[last, 0], 0.0 * t])

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from calls import call
+
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol", "sinfo")
 INSTALL = "apt-get install -y --no-install-recommends slurmctld slurmd slurm-client munge"
 
@@ -72,13 +74,7 @@ def write_configuration(folder: Path, cores: int) -> Path:
 
 @contextmanager
 def start_slurm(folder: Path, cores: int = 1) -> Iterator[dict[str, str]]:
-    """Run a one-node SLURM; yields the environment in which its commands find it.
-
-    Raises
-    ------
-    NoSlurm
-        Where a program is missing or does not come up; the message says which.
-    """
+    """Run a one-node SLURM; yields the environment in which its commands find it."""
     if obstacle := find_obstacle():
         raise NoSlurm(obstacle)
     for name in ("state", "spool"):
@@ -95,13 +91,8 @@ def start_slurm(folder: Path, cores: int = 1) -> Iterator[dict[str, str]]:
     environment["PATH"] = f"{folder}/bin:{environment['PATH']}"
     names = {"key-file": "munge.key", "socket": "munge.socket", "pid-file": "munged.pid"}
     names |= {"log-file": "munged.log", "seed-file": "munged.seed"}
-    munged = [
-        "munged",
-        "--foreground",
-        "--force",
-        *(f"--{option}={folder}/{n}" for option, n in names.items()),
-    ]
-    commands = [munged, ["slurmctld", "-D"], ["slurmd", "-D"]]
+    options = [f"--{option}={folder}/{name}" for option, name in names.items()]
+    commands = [["munged", "--foreground", "--force", *options], ["slurmctld", "-D"], ["slurmd", "-D"]]
     running: list[subprocess.Popen] = []
     try:
         for command in commands:
@@ -129,13 +120,7 @@ def wait_for_node(environment: dict[str, str], running: list[subprocess.Popen], 
                 name = process.args[0]  # type: ignore[index]
                 told = (folder / f"{name}.out").read_text(errors="replace").strip().splitlines()[-1:]
                 raise NoSlurm(f"{name} does not start here: {' '.join(told)}")
-        asked = subprocess.run(
-            ["sinfo", "--noheader", "--format=%T"],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        asked = call("sinfo", "--noheader", "--format=%T", env=environment)
         state = asked.stdout.strip() or asked.stderr.strip()
         if state == "idle":
             return

@@ -46,10 +46,20 @@ def chain(q, v, a, mass, length, gravity=9.81):
 class Bench:
     """Recordings of a chain as CSV, and the command that takes them."""
 
-    def __init__(self, folder, n, mass=1.2, length=0.3, size=0.3, rate=50.0, seconds=14.0, runs=3):
-        self.folder, self.n, self.mass, self.length, self.runs = folder, n, mass, length, runs
+    def __init__(
+        self,
+        folder,
+        n,
+        mass=1.2,
+        length=0.3,
+        size=0.3,
+        rate=50.0,
+        seconds=14.0,
+        runs=3,
+        frequencies=(0.11, 0.23, 0.37, 0.61),
+    ):
+        self.folder, self.n, self.runs, self.frequencies = folder, n, runs, frequencies
         self.size, self.rate, self.seconds = size, rate, seconds
-        self.frequencies = (0.11, 0.23, 0.37, 0.61)
         links = [
             LINK.format(n=k + 1, z=-length, m=mass, i=1e-5, o=-length if k else 0, p=f"l{k}" if k else "base")
             for k in range(n)
@@ -57,14 +67,16 @@ class Bench:
         text = f'<robot name="chain"><link name="base"/>{"".join(links)}</robot>'
         (folder / "arm.urdf").write_text(text)
 
-    def record(self, torque, clock=None, position=lambda q, k: q):
+    def record(self, torque, clock=None, position=lambda q, k: q, speed=None, shown=1.0):
+        """With speeds where `speed` is their factor; the files show `shown` times the true time."""
         for k in range(self.runs):
             rng = np.random.default_rng([self.n, k])
             t = np.arange(int(self.seconds * self.rate)) / self.rate if clock is None else clock(k)
             q, v, a = move(rng, t, self.n, self.size, self.frequencies)
-            tau = torque(q, v, a, rng, t)
-            names = [f"{kind}{j + 1}" for kind in ("q", "tau") for j in range(self.n)]
-            table = np.column_stack([t, position(q, k), tau])
+            kinds = {"q": position(q, k)} | ({} if speed is None else {"qd": speed * v})
+            kinds["tau"] = torque(q, v, a, rng, t)
+            names = [f"{kind}{j + 1}" for kind in kinds for j in range(self.n)]
+            table = np.column_stack([shown * t, *kinds.values()])
             header = ",".join(["time", *names])
             np.savetxt(self.folder / f"run{k}.csv", table, "%.8g", ",", header=header, comments="")
         return self

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pinocchio as pin
-import yaml
+from changed_fields import write_fields
 from duo import JOINTS, URDF, draw_motion
 
 INERTIA, COULOMB, VISCOUS = np.array([1.5, 0.6]), np.array([6.0, 3.0]), np.array([4.0, 2.0])
@@ -70,16 +70,8 @@ def write_machine(
             pd.DataFrame(columns).to_parquet(folder / file)
             train = d < healthy and not (d == healthy - 1 and r == runs - 1)
             entries.append({"file": file, "use": "train" if train else "test", "session": f"s{d}"})
-    written = {
-        "name": "duo",
-        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "rotor_inertia", "coulomb", "viscous"],
-        "runs": entries,
-        "reference": [f"s{d}" for d in range(healthy)],
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(written | (fields or {})))
-    return folder
+    more = {"reference": [f"s{d}" for d in range(healthy)]} | (fields or {})
+    return write_fields(folder, JOINTS, RATE, entries, robot={"rotor_inertia": INERTIA.tolist()}, **more)
 
 
 HEALTHY = [{"temperature": x} for x in (25.0, 45.0, 35.0, 30.0)]

@@ -20,20 +20,11 @@ OF_THE_RUN = re.compile(
 
 @dataclass(frozen=True)
 class Work:
-    """What is run.
-
-    Attributes
-    ----------
-    target : str
-        Of the workflow.
-    as_one_job : str
-        The target that runs it as one job.
-    arguments : callable
-        Snakemake's other arguments, given an empty folder for what they need.
-    """
+    """What is run: a target of the workflow, the target that runs it as one job, and further arguments."""
 
     target: str
     as_one_job: str
+    #: Given an empty folder for what they need.
     arguments: Callable[[Path], list[str]]
 
 

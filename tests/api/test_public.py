@@ -3,13 +3,13 @@
 import doctest
 import importlib
 import importlib.metadata
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from calls import call_python
 
 import wearscope
 from wearscope.designs.factors import PAPER_FACTORS
@@ -29,8 +29,7 @@ def test_import_and_help_load_nothing_heavy(code, more):
     heavy = f"numpy pyarrow pandas scipy pybullet pinocchio matplotlib numba snakemake pydantic {more}"
     tell = f"print([name for name in {heavy.split()} if name in sys.modules])"
     code = f"import sys; sys.argv[1:] = ['--help']\ntry:\n    {code}\nfinally:\n    {tell}"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.splitlines()[-1] == "[]"
+    assert call_python("-c", code).stdout.splitlines()[-1] == "[]"
 
 
 def test_version_is_the_installed_one():
@@ -50,7 +49,8 @@ for one in pkgutil.walk_packages(wearscope.__path__, "wearscope."):
     if one.name not in {own}:
         importlib.import_module(one.name)
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    done = call_python("-c", code)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("module", EXTRAS)

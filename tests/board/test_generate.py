@@ -7,6 +7,7 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 import yaml
+from folders import plan
 
 from benchmarks.board.disturbances import NOISES, make_noise
 from benchmarks.board.generate import generate_dataset
@@ -14,19 +15,12 @@ from benchmarks.board.machines import MACHINES, Body
 from benchmarks.board.motions import make_motion
 from benchmarks.board.outside import OUTSIDE
 from benchmarks.board.physics import STRUCTURAL, Active, Setting, behave, make_plant
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 from benchmarks.board.terms import NAMED
 from wearscope.demonstration.twin import quantise
 from wearscope.errors import InputError
 
-SHORT = Recipe(
-    duration=7.0,
-    plans=(
-        RunPlan("train", "fourier", 0, 24.0),
-        RunPlan("train", "sweep", 1, 52.0),
-        RunPlan("test", "points", 2, 40.0),
-    ),
-)
+SHORT = Recipe(duration=7.0, plans=plan(("fourier", 24.0), ("sweep", 52.0), ("points", 40.0)))
 
 
 def frictionless(machine, rotor=0.0):
@@ -55,12 +49,17 @@ def test_torque_does_the_work_that_the_energy_gains():
     assert np.abs(work - (energy - energy[0])).max() < 1e-4 * np.ptp(energy)
 
 
-def test_elastic_joint_stretches_by_torque_over_stiffness():
+def move_stage(kind, effect, size):
+    """The stage without friction along a motion, with one structural effect."""
     machine = MACHINES["stage"]
     body = Body(machine.urdf, machine.gravity, 0.0, (0.0, 0.0, 0.0))
-    motion = make_motion(machine, "fourier", 4, 5.0, 1000.0)
-    plant = make_plant("joint_elasticity", machine, 0, np.random.default_rng(0))
-    run = behave(frictionless(machine), motion, np.zeros_like(motion.q), [Active(plant, 1e-5)], body)
+    motion = make_motion(machine, kind, 4, 5.0, 1000.0)
+    plant = make_plant(effect, machine, 0, np.random.default_rng(0))
+    return motion, behave(frictionless(machine), motion, np.zeros_like(motion.q), [Active(plant, size)], body)
+
+
+def test_elastic_joint_stretches_by_torque_over_stiffness():
+    motion, run = move_stage("fourier", "joint_elasticity", 1e-5)
     assert np.allclose(run.q - motion.q, 62.0 * motion.a * 1e-5)
     # without rotor or friction the motor carries the link's torque alone, wherever it is itself
     assert np.allclose(run.tau, 62.0 * motion.a)
@@ -68,22 +67,14 @@ def test_elastic_joint_stretches_by_torque_over_stiffness():
 
 
 def test_lost_motion_never_exceeds_half_the_gap():
-    machine = MACHINES["stage"]
-    body = Body(machine.urdf, machine.gravity, 0.0, (0.0, 0.0, 0.0))
-    motion = make_motion(machine, "sweep", 4, 5.0, 1000.0)
-    plant = make_plant("backlash", machine, 0, np.random.default_rng(0))
-    run = behave(frictionless(machine), motion, np.zeros_like(motion.q), [Active(plant, 2e-4)], body)
+    motion, run = move_stage("sweep", "backlash", 2e-4)
     ahead = (run.q - motion.q)[:, 0]
     assert 0.9e-4 < np.abs(ahead).max() <= 1e-4
     assert np.all(ahead * motion.a[:, 0] >= -1e-15)
 
 
 def test_a_late_torque_channel_repeats_the_torque():
-    machine = MACHINES["stage"]
-    body = Body(machine.urdf, machine.gravity, 0.0, (0.0, 0.0, 0.0))
-    motion = make_motion(machine, "fourier", 4, 5.0, 1000.0)
-    plant = make_plant("time_delay", machine, 0, np.random.default_rng(0))
-    run = behave(frictionless(machine), motion, np.zeros_like(motion.q), [Active(plant, 0.007)], body)
+    motion, run = move_stage("fourier", "time_delay", 0.007)
     assert np.allclose(run.tau[500:, 0], 62.0 * motion.a[493:-7, 0])
 
 
@@ -221,18 +212,15 @@ def test_an_effect_left_out_is_left_out_of_the_declaration(tmp_path):
 
 
 def test_separability_of_three_effects(tmp_path):
-    slope = generate_dataset(
-        tmp_path / "c" / "d", "arm3", [Planted("viscous_asymmetry", "waist", 4.0)], 1, SHORT
-    )
-    offset = generate_dataset(
-        tmp_path / "a" / "d", "arm3", [Planted("torque_offset", "waist", 4.0)], 1, SHORT
-    )
-    spring = generate_dataset(tmp_path / "b" / "d", "arm3", [Planted("joint_spring", "waist", 4.0)], 1, SHORT)
-    assert slope["planted"][0]["separable"]
+    def plant(effect):
+        folder = tmp_path / effect / "d"
+        return generate_dataset(folder, "arm3", [Planted(effect, "waist", 4.0)], 1, SHORT)["planted"][0]
+
+    assert plant("viscous_asymmetry")["separable"]
     # at rest friction is undetermined, and where the joint moves the two are one
-    assert "coulomb_asymmetry" in offset["planted"][0]["rivals"]
-    assert not spring["planted"][0]["separable"]
-    assert "gravity_counterbalance" in spring["planted"][0]["rivals"]
+    assert "coulomb_asymmetry" in plant("torque_offset")["rivals"]
+    spring = plant("joint_spring")
+    assert not spring["separable"] and "gravity_counterbalance" in spring["rivals"]
 
 
 def test_nearest_parameter_is_the_planted_one_where_the_form_is_shared(tmp_path):

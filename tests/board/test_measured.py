@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from folders import plan
 
 from benchmarks.board.features import smooth
 from benchmarks.board.generate import generate_dataset, make_setting
@@ -9,14 +10,10 @@ from benchmarks.board.machines import Body, find_machine
 from benchmarks.board.measured import sample, separate
 from benchmarks.board.motions import make_motion
 from benchmarks.board.physics import Active, Structural, behave
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 from wearscope.demonstration.twin import quantise
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 30.0),
-    RunPlan("train", "points", 1, 30.0),
-    RunPlan("test", "sweep", 2, 30.0),
-)
+PLANS = plan(("fourier", 30.0), ("points", 30.0), ("sweep", 30.0))
 RATE, OVER = 100.0, 4
 MACHINE = find_machine("arm3")
 DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")

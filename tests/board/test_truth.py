@@ -3,18 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
+from folders import plan
 from scipy.signal import welch
 
 from benchmarks.board.disturbances import make_noise
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 from benchmarks.board.truth import measure_findability
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 30.0),
-    RunPlan("train", "sweep", 1, 30.0),
-    RunPlan("test", "points", 2, 30.0),
-)
+PLANS = plan(("fourier", 30.0), ("sweep", 30.0), ("points", 30.0))
 
 
 def test_the_distance_in_white_noise_is_the_matched_filters():

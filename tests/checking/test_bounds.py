@@ -26,7 +26,7 @@ from wearscope.checking import dataset
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.robot import check_model
 from wearscope.checking.study import list_excesses
-from wearscope.cli import main, stages, workflow
+from wearscope.cli import stages, workflow
 from wearscope.cli.main import wearscope
 from wearscope.cli.tables import read_frame
 from wearscope.cli.workflow import call_snakemake, wait_turn
@@ -43,6 +43,7 @@ from wearscope.storage.files import DamagedFile, load_json
 from wearscope.storage.plain_yaml import load_plain_yaml
 
 ROOT = Path(__file__).parents[2]
+QUICK = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
 COPIES = ", ".join(["*a{0}"] * 10)
 GROWING = {
     "aliases": ["a0: &a0 [x, x]", *(f"a{k}: &a{k} [{COPIES.format(k - 1)}]" for k in range(1, 9))],
@@ -180,6 +181,9 @@ def test_tables_are_bounded_before_they_are_read(tmp_path):
         read_columns(long)
 
 
+COLD = {"description": "d", "kind": "temperature", "range": [-300, 0], "unit": "degC"}
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -189,28 +193,19 @@ def test_tables_are_bounded_before_they_are_read(tmp_path):
         ({"robots": ["a{b}"]}, "holds a brace"),
         ({"time_limit": 1e300}, "time_limit: 1e+300 is larger"),
         ({"seed": 16**5000}, "seed"),
-        (
-            {
-                "factors": {
-                    "w": {"description": "d", "kind": "temperature", "range": [-300, 0], "unit": "degC"}
-                }
-            },
-            "below absolute zero",
-        ),
+        ({"factors": {"w": COLD}}, "below absolute zero"),
     ],
 )
 def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
-    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
     with pytest.raises(InputError, match=re.escape(told)):
-        load_config({**good, **change})
+        load_config({**QUICK, **change})
 
 
 @pytest.mark.parametrize(
     ("axes", "lines", "told"), [(99_999, 2, "axes: has 99999 entries"), (9999, 202, "and 9699 more;")]
 )
 def test_a_check_lists_no_more_than_can_be_read(tmp_path, axes, lines, told):
-    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump(good | {"axes": list(range(1, axes + 1))}))
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(QUICK | {"axes": list(range(1, axes + 1))}))
     output = call("check", tmp_path / "study.yaml").output
     assert told in output and len(output.splitlines()) == lines
 
@@ -224,22 +219,20 @@ def test_a_check_lists_no_more_than_can_be_read(tmp_path, axes, lines, told):
     ],
 )
 def test_what_would_take_a_year_or_a_terabyte_is_told(change, told):
-    good = yaml.safe_load((ROOT / "config" / "quick.yaml").read_text())
-    assert not list(list_excesses(load_config(good)))
-    assert any(re.search(told, one) for one in list_excesses(load_config({**good, **change})))
+    assert not list(list_excesses(load_config(QUICK)))
+    assert any(re.search(told, one) for one in list_excesses(load_config({**QUICK, **change})))
 
 
 def test_no_gravity_is_told(tmp_path, monkeypatch):
     # What the torques say of it is asked elsewhere, and takes long.
     monkeypatch.setattr(dataset, "check_plausibility", lambda prepared: None)
     shutil.copytree(example_dataset(), tmp_path / "arm")
-    file = tmp_path / "arm" / "dataset.yaml"
-    with changed_fields(file) as fields:
+    with changed_fields(tmp_path / "arm" / "dataset.yaml") as fields:
         fields["robot"]["gravity"] = [0, 0, 0]
     assert any("robot.gravity is 0; where" in one for one in check_dataset(tmp_path / "arm").notes)
     shutil.copytree(ROOT / "config" / "robots" / "medium", tmp_path / "robot")
-    file = tmp_path / "robot" / "model.yaml"
-    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"gravity": [0, 0, 0]}))
+    with changed_fields(tmp_path / "robot" / "model.yaml") as fields:
+        fields["gravity"] = [0, 0, 0]
     found = Findings("robot")
     check_model(str(tmp_path / "robot"), found)
     assert any("gravity is 0; where" in one for one in found.notes)
@@ -364,20 +357,6 @@ def test_a_full_disk_of_a_log_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(os.path, "ismount", lambda place: Path(place) == tmp_path)
     with pytest.raises(InputError, match=f"a.log: the disk at {tmp_path} is full"):
         call_snakemake(["true"], tmp_path, log, lambda *given: None)
-
-
-def test_a_full_disk_ends_a_command_in_one_sentence(monkeypatch, capsys):
-    def full(**given):
-        raise OSError(errno.ENOSPC, "No space left on device", "/nowhere/x")
-
-    monkeypatch.setattr(main, "wearscope", full)
-    monkeypatch.setattr(main, "end_process", sys.exit)
-    with pytest.raises(SystemExit) as end:
-        main.main()
-    assert end.value.code == 1
-    assert re.fullmatch(
-        r"/nowhere/x: the disk at / is full .*; free disk space there\.\n", capsys.readouterr().err
-    )
 
 
 @pytest.mark.parametrize("command", ["example made", "study made", "robot arm.urdf --name made"])

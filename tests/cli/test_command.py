@@ -1,12 +1,12 @@
 """The command itself: help, what it refuses, what it shows."""
 
 import json
-import subprocess
 import sys
 import time
 
 import pandas as pd
 import pytest
+from calls import call_python
 from click.testing import CliRunner
 
 from wearscope.cli.main import COMMANDS, main, wearscope
@@ -17,18 +17,6 @@ from wearscope.storage.checksums import SETTINGS
 
 def call(*arguments):
     return CliRunner().invoke(wearscope, [str(one) for one in arguments], catch_exceptions=True)
-
-
-def call_outside(folder, *arguments):
-    """The command as a shell calls it: exit code, output and the last line of what it complains."""
-    done = subprocess.run(
-        [sys.executable, "-m", "wearscope", *map(str, arguments)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.parametrize(
@@ -45,7 +33,7 @@ def test_help_comes_at_once():
     start = time.perf_counter()
     code = "import sys; from wearscope.cli.main import wearscope; assert 'numba' not in sys.modules; " \
         "assert 'pandas' not in sys.modules; wearscope(['--help'])"  # fmt: skip
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+    assert call_python("-c", code).returncode == 0
     assert time.perf_counter() - start < 5.0
 
 
@@ -81,6 +69,7 @@ def test_what_cannot_be_done_ends_in_one_sentence(arguments, told, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.txt").write_text("")
     monkeypatch.setattr(sys, "argv", ["wearscope", *arguments])
+    monkeypatch.setattr("wearscope.cli.main.end_process", sys.exit)
     with pytest.raises(SystemExit) as ended:
         main()
     last = capsys.readouterr().err.strip().splitlines()[-1]
@@ -92,8 +81,8 @@ def test_nothing_is_written_over(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert call("new", "detector", "own").exit_code == 0
     (tmp_path / "own.py").write_text("mine")
-    code, _, errors = call_outside(tmp_path, "new", "detector", "own")
-    assert code == 1 and "own.py: is there already" in errors
+    done = call_python("-m", "wearscope", "new", "detector", "own", folder=tmp_path)
+    assert done.returncode == 1 and "own.py: is there already" in done.stderr
     assert (tmp_path / "own.py").read_text() == "mine"
 
 

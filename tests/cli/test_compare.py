@@ -130,11 +130,9 @@ def test_conclusions_of_another_kind_are_told_by_none(tmp_path, odd):
     for name, column in (("ranking", "rank_low"), ("audit_verdicts", "passes_direct")):
         place = write_study(tmp_path / name, {"A": 2.0})
         keys = {"robot": "r", "cycle": "c", "axis": 2, "fda": "A", "factor": "w3", "agrees": True}
-        rows = (
-            {"fda": ["A"], "rank": [1], "rank_high": [1]}
-            if name == "ranking"
-            else {k: [v] for k, v in keys.items()}
+        rows = {"fda": "A", "rank": 1, "rank_high": 1} if name == "ranking" else keys
+        tables.write_table(
+            place / f"{name}.parquet", pd.DataFrame([rows]).assign(**{column: pd.Series([odd])})
         )
-        tables.write_table(place / f"{name}.parquet", pd.DataFrame({**rows, column: pd.Series([odd])}))
         with pytest.raises(InputError, match=f"{name}.parquet: a row holds no"):
             call("compare", whole, place)

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,7 @@ from types import SimpleNamespace
 import click
 import pytest
 import yaml
+from calls import call
 from changed_fields import changed_fields
 from click.testing import CliRunner
 from snakemake.common.configfile import load_configfile
@@ -53,6 +53,26 @@ def test_snakemake_gets_the_very_text(name, tmp_path):
         assert read_setting(f"dataset={name}") == {"dataset": name}
 
 
+@pytest.fixture
+def handed(monkeypatch):
+    """The settings that Snakemake would read, which is not called."""
+    read = {}
+
+    def call(command, folder, log, watch):
+        assert command[1] == "-P" and command[-2] == "--"
+        read.update(load_configfile(command[command.index("--configfile") + 1]))
+        raise InputError("so far.")
+
+    monkeypatch.setattr(stages, "call_snakemake", call)
+    return read
+
+
+def write_study(folder, settings):
+    (folder / "config").mkdir()
+    text = settings if isinstance(settings, str) else yaml.safe_dump(settings)
+    (folder / "config" / "config.yaml").write_text(text)
+
+
 COMMANDS = {
     "diagnose": ("diagnose", ["{}"], "dataset"),
     "track": ("track", ["{}"], "dataset"),
@@ -64,45 +84,30 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", [one for one in NAMES if one != "-rf"] + ["./-rf"])
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_hands_on_the_path_that_was_named(command, name, tmp_path, monkeypatch):
+def test_every_command_hands_on_the_path_that_was_named(command, name, tmp_path, monkeypatch, handed):
     """Of two folders whose names begin alike, the one that was named; what Snakemake would read is read."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(example_dataset(), tmp_path / name)
     shutil.copytree(example_dataset(), tmp_path / "arm")
-    read = {}
-
-    def call(command, folder, log, watch):
-        assert command[1] == "-P" and command[-2] == "--"
-        read.update(load_configfile(command[command.index("--configfile") + 1]))
-        raise InputError("so far.")
-
-    monkeypatch.setattr(stages, "call_snakemake", call)
     monkeypatch.setattr("wearscope.detection.run.check_recordings", lambda dataset: None)
     _, arguments, key = COMMANDS[command]
     CliRunner().invoke(wearscope, [command, *(one.format(name) for one in arguments)])
-    asked = read[key] if key == "dataset" else str(Path(read[key]["model"]).parent)
+    asked = handed[key] if key == "dataset" else str(Path(handed[key]["model"]).parent)
     assert asked == str((tmp_path / name).resolve())
 
 
 @pytest.mark.parametrize("carried", [True, False])
 def test_a_factor_of_a_payload_that_nobody_declared_is_dropped_before_anything_is_computed(
-    carried, tmp_path, monkeypatch
+    carried, tmp_path, monkeypatch, handed
 ):
     shutil.copytree(example_dataset(), tmp_path / "arm")
     with changed_fields(tmp_path / "arm" / "dataset.yaml") as fields:
         for run in fields["runs"]:
             run["payload"] = {"mass": 1.0, "com": [0.0, 0.0, 0.0]} if carried else None
     monkeypatch.chdir(tmp_path)
-    read = {}
-
-    def call(command, folder, log, watch):
-        read.update(load_configfile(command[command.index("--configfile") + 1]))
-        raise InputError("so far.")
-
-    monkeypatch.setattr(stages, "call_snakemake", call)
     said = CliRunner().invoke(wearscope, ["reevaluate", "quick", "--dataset", "arm"]).output
     assert ("states no payload" in said) is not carried
-    assert (read.get("screening") == "drop") is not carried
+    assert (handed.get("screening") == "drop") is not carried
 
 
 def test_an_answer_about_other_files_is_not_shown(tmp_path):
@@ -126,15 +131,13 @@ def test_nothing_that_lies_in_a_data_set_runs(tmp_path):
     (tmp_path / "Snakefile").write_text(code)
     (tmp_path / "profiles" / "default").mkdir(parents=True)
     (tmp_path / "profiles" / "default" / "config.yaml").write_text("snakefile: Snakefile\n")
-    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     hook = f"touch '{tmp_path / 'ran'}'"
-    subprocess.run(["git", "config", "core.fsmonitor", hook], cwd=tmp_path, check=True)
+    for words in (("init", "-q"), ("config", "core.fsmonitor", hook)):
+        assert call("git", *words, folder=tmp_path).returncode == 0
     scripts = Path(sys.executable).with_name("wearscope")
     command = [str(scripts)] if scripts.is_file() else [*PYTHON, "-m", "wearscope"]
-    done = subprocess.run(
-        [*command, "diagnose", ".", "--dry-run"], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": ""},
-    )  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": ""}
+    done = call(*command, "diagnose", ".", "--dry-run", folder=tmp_path, env=environment)
     assert done.returncode == 0 and "jobs to do" in done.stdout, done.stderr
     assert not (tmp_path / "ran").exists()
 
@@ -145,17 +148,12 @@ def test_nothing_that_lies_in_a_data_set_runs(tmp_path):
 )
 def test_a_configuration_that_is_a_template_is_refused_before_it_runs(command, tmp_path):
     """Snakemake runs Python within a file after ``--configfile`` before it reads any workflow."""
-    (tmp_path / "config").mkdir()
     text = (find_home() / "config" / "quick.yaml").read_text()
     code = f"? open({str(tmp_path / 'ran')!r}, 'w').close() or 'x'"
-    text = f"__use_yte__: true\n{text}\n{json.dumps(code)}: 1\n"
-    (tmp_path / "config" / "config.yaml").write_text(text)
+    write_study(tmp_path, f"__use_yte__: true\n{text}\n{json.dumps(code)}: 1\n")
     name, *words = command.split()
     words += ["--snakefile", str(find_home() / "Snakefile"), "--cores", "1"] if name == "snakemake" else []
-    done = subprocess.run(
-        [*PYTHON, "-m", name, *words], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env=isolate(os.environ),
-    )  # fmt: skip
+    done = call(*PYTHON, "-m", name, *words, folder=tmp_path, env=isolate(os.environ))
     assert done.returncode == 1 and "__use_yte__ lets code in the file run" in done.stdout + done.stderr
     assert not (tmp_path / "ran").exists()
 
@@ -172,15 +170,13 @@ def test_a_child_has_no_folder_of_the_data_on_its_path(tmp_path):
     (tmp_path / "yaml.py").write_text("raise SystemExit(7)")
     environment = isolate({**os.environ, "PYTHONPATH": f":{os.pathsep}.{os.pathsep}/x"})
     assert environment["PYTHONPATH"] == "/x"
-    for command in ([*PYTHON, "-c", "import yaml"], [sys.executable, "-c", "import yaml"]):
-        subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    for command in (PYTHON, [sys.executable]):
+        assert call(*command, "-c", "import yaml", folder=tmp_path, env=environment).returncode == 0
 
 
 def test_code_of_a_study_that_nobody_named_is_refused(tmp_path, monkeypatch):
     shutil.copytree(example_dataset(), tmp_path / "arm")
-    (tmp_path / "config").mkdir()
-    settings = {"study": "s", "robots": ["medium"], "detectors": {"X": {"use": "evil.py"}}}
-    (tmp_path / "config" / "config.yaml").write_text(yaml.safe_dump(settings))
+    write_study(tmp_path, {"study": "s", "robots": ["medium"], "detectors": {"X": {"use": "evil.py"}}})
     monkeypatch.chdir(tmp_path)
     seen = []
     monkeypatch.setattr(stages, "call_snakemake", lambda *given: seen.append(given) or (1, stages.Progress()))
@@ -197,9 +193,8 @@ def test_code_of_a_study_that_nobody_named_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_check_says_which_code_of_a_study_runs_and_runs_none_that_nobody_named(tmp_path, monkeypatch):
-    (tmp_path / "config").mkdir()
-    settings = yaml.safe_load((find_home() / "config" / "quick.yaml").read_text()) | {"cycles": ["own.py"]}
-    (tmp_path / "config" / "config.yaml").write_text(yaml.safe_dump(settings))
+    settings = yaml.safe_load((find_home() / "config" / "quick.yaml").read_text())
+    write_study(tmp_path, settings | {"cycles": ["own.py"]})
     (tmp_path / "own.py").write_text(f"print('ran')\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))

@@ -1,11 +1,10 @@
 """How plain Snakemake ends: with a page's answer, or with the rule that failed and what it said last."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from calls import call_python
 
 from wearscope.home import find_home
 from wearscope.reporting.page import Section, render_page
@@ -43,10 +42,8 @@ def end(tmp_path):
     def run(command: str) -> tuple[int, list[str]]:
         text = SNAKEFILE.format(ending=home / "ending.smk", command=command)
         (tmp_path / "Snakefile").write_text(text)
-        done = subprocess.run(
-            [sys.executable, "-m", "snakemake", "--cores", "1", "--workflow-profile", "none"],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
-        )  # fmt: skip
+        words = ("-m", "snakemake", "--cores", 1, "--workflow-profile", "none")
+        done = call_python(*words, folder=tmp_path, timeout=120)
         return done.returncode, done.stderr.splitlines()
 
     return run

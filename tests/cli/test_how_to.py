@@ -5,11 +5,11 @@ Commands that compute for minutes are planned only; the long tests run them.
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from calls import call
 
 PAGES = sorted((Path(__file__).parents[2] / "docs" / "how-to").glob("*.md"))
 PRINTED = [*PAGES, Path(__file__).parents[2] / "docs" / "tutorial.md"]
@@ -37,10 +37,8 @@ def shell(tmp_path):
     own = {"PATH": path, "HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path / "state")}
 
     def run(block: str) -> str:
-        done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block], cwd=folder, env=os.environ | own,
-            capture_output=True, text=True, check=False, timeout=1800,
-        )  # fmt: skip
+        shell = ("bash", "-euo", "pipefail", "-c", block)
+        done = call(*shell, folder=folder, env=os.environ | own, timeout=1800)
         assert done.returncode == 0, f"{block}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
         return done.stdout
 

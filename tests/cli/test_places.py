@@ -2,15 +2,18 @@
 
 import errno
 import os
+import re
 import subprocess
 import sys
 from functools import partial
 from pathlib import Path
 
 import pytest
+from calls import call, call_python
 from hostile.samples import write_dataset, write_loop, write_robot, write_shown
 
 from wearscope import processes
+from wearscope.cli import main
 
 COMMAND = (sys.executable, "-P", "-m", "wearscope")
 
@@ -28,10 +31,7 @@ def place(tmp_path_factory):
 
 
 def run(folder, line, **given):
-    return subprocess.run(
-        [*COMMAND, *line.split()], cwd=folder, capture_output=True, text=True, errors="replace", check=False,
-        timeout=120, **given,
-    )  # fmt: skip
+    return call(*COMMAND, *line.split(), folder=folder, errors="replace", timeout=120, **given)
 
 
 @pytest.mark.parametrize(
@@ -86,36 +86,39 @@ def test_names_that_are_no_text_and_folders_that_are_gone_are_told(place, tmp_pa
     gone = tmp_path / "gone"
     gone.mkdir()
     code = f"import os, sys; os.rmdir({str(gone)!r}); os.execv(sys.executable, {[*COMMAND, 'check']!r})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=gone, capture_output=True, text=True, check=False)
+    done = call_python("-c", code, folder=gone)
     assert done.returncode == 1 and done.stderr.strip() == (
         "the working directory is gone; change to another one."
     )
 
 
-def test_memory_that_runs_out_is_told(monkeypatch, capsys):
-    from wearscope.cli import main
+@pytest.mark.parametrize(
+    ("error", "status", "told"),
+    [
+        (MemoryError(), 1, "memory ran out; free some.*\n"),
+        *(
+            # Such errors name no file.
+            (OSError(number, os.strerror(number)), 1, f"{os.strerror(number)}; raise the limit of .*\n")
+            for number in (errno.EMFILE, errno.EAGAIN)
+        ),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "/nowhere/x"),
+            1,
+            r"/nowhere/x: the disk at / is full .*; free disk space there\.\n",
+        ),
+        (KeyboardInterrupt(), 130, "Interrupted.\n"),
+    ],
+)
+def test_what_ends_a_command_while_its_modules_are_imported_is_told(error, status, told, monkeypatch, capsys):
+    def fail(group, context, name):
+        raise error
 
-    monkeypatch.setattr(main, "wearscope", lambda **given: [0] * (1 << 62))
-    monkeypatch.setattr(sys, "argv", ["wearscope"])
+    monkeypatch.setattr(main.LazyGroup, "get_command", fail)
+    monkeypatch.setattr(main, "end_process", sys.exit)
+    monkeypatch.setattr(sys, "argv", ["wearscope", "check"])
     with pytest.raises(SystemExit) as end:
         main.main()
-    assert end.value.code == 1 and capsys.readouterr().err.startswith("memory ran out; free some")
-
-
-@pytest.mark.parametrize("number", [errno.EMFILE, errno.EAGAIN])
-def test_what_the_system_runs_short_of_is_told(number, monkeypatch, capsys):
-    """Such errors name no file."""
-    from wearscope.cli import main
-
-    def fail(**given):
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(main, "wearscope", fail)
-    monkeypatch.setattr(sys, "argv", ["wearscope"])
-    with pytest.raises(SystemExit) as end:
-        main.main()
-    assert end.value.code == 1
-    assert capsys.readouterr().err.startswith(f"{os.strerror(number)}; raise the limit of ")
+    assert end.value.code == status and re.fullmatch(told, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("lasting", [[], ["package"], ["cache"]])
@@ -139,17 +142,3 @@ def test_functions_are_compiled_where_no_lasting_place_can_be_written(lasting, t
         assert Path(made).stat().st_mode & 0o777 == 0o700 and Path(made).parent == tmp_path
         left[0]()
         assert not Path(made).exists()
-
-
-def test_an_interrupt_of_any_command_has_one_status(monkeypatch, capsys):
-    """Also one that comes while the command's modules are imported."""
-    from wearscope.cli import main
-
-    def interrupt(group, context, name):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(main.LazyGroup, "get_command", interrupt)
-    monkeypatch.setattr(sys, "argv", ["wearscope", "check"])
-    with pytest.raises(SystemExit) as end:
-        main.main()
-    assert end.value.code == 130 and capsys.readouterr().err == "Interrupted.\n"

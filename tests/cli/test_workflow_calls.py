@@ -1,10 +1,9 @@
 """What the command makes of Snakemake's words; the words themselves are those of the locked version."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from calls import call_python
 
 from wearscope.cli.progress import describe, format_seconds, show_progress
 from wearscope.cli.workflow import Progress, explain_failure, read_setting
@@ -34,10 +33,8 @@ def run(folder, target="", body=""):
     (folder / "config").mkdir(exist_ok=True)
     (folder / "config" / "config.yaml").write_text("study: s\n")
     stage = ["--stage", target] if target else []
-    return subprocess.run(
-        [sys.executable, "-m", "wearscope", "run", *stage, "--cores", "1", "--snakefile", "Snakefile"],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
+    words = ("-m", "wearscope", "run", *stage, "--cores", 1, "--snakefile", "Snakefile")
+    return call_python(*words, folder=folder, timeout=300)
 
 
 @pytest.mark.slow
@@ -53,19 +50,22 @@ def test_a_run_is_quiet_and_leaves_its_log(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_sentence_of_a_failed_job_is_the_last_line(tmp_path):
-    body = "echo '[   0.1 s] robot x: too weak; correct it.' > {log}; exit 1; "
+@pytest.mark.parametrize(
+    ("body", "last"),
+    [
+        (
+            "echo '[   0.1 s] robot x: too weak; correct it.' > {log}; exit 1; ",
+            "robot x: too weak; correct it.",
+        ),
+        # In a pool, as the platform's jobs: the shell's own end counts.
+        ("kill -9 $$; ", "a: its process was ended by SIGKILL, as by the system wh"),
+    ],
+    ids=["failed", "killed"],
+)
+def test_the_last_line_says_why_a_job_ended(tmp_path, body, last):
     done = run(tmp_path, body=body)
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == "robot x: too weak; correct it."
-
-
-@pytest.mark.slow
-def test_a_killed_job_is_told_as_that(tmp_path):
-    """In a pool, as the platform's jobs: the shell's own end counts."""
-    done = run(tmp_path, body="kill -9 $$; ")
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("a: its process was ended by SIGKILL, as by the system wh")
+    assert done.stderr.splitlines()[-1].startswith(last)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
+from changed_fields import DECLARED, write_fields
 from duo import JOINTS, URDF, draw_motion
 from scipy import signal
 
@@ -51,7 +51,7 @@ def answer_disturbance(rng, t, size) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_dataset(
-    folder: Path, planted=(), seed=0, declared=("rigid_body", "rotor_inertia", "coulomb", "viscous"), runs=5,
+    folder: Path, planted=(), seed=0, declared=DECLARED, runs=5,
     noise=1.0, extra_torque=None, duration=12.0, rate=200.0, warm=True, fields=None, robot=None, repeat=False,
     disturbance=0.0, together=None,
 ) -> Path:  # fmt: skip
@@ -108,23 +108,12 @@ def write_dataset(
             if warm:
                 columns[f"temp_{joint}"] = temperature[:, j]
         pd.DataFrame(columns).to_parquet(folder / "runs" / f"r{r}.parquet")
-        entries.append(
-            {
-                "file": f"runs/r{r}.parquet",
-                "use": "train" if r < runs - 1 else "test",
-                "payload": {"mass": PAYLOAD.mass, "com": list(PAYLOAD.com)},
-            }
-        )
-    written = {
-        "name": "duo",
-        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA.tolist()} | (robot or {}),
-        "sample_rate": rate,
-        "declared_effects": list(declared),
-        "runs": entries,
-    }
-    written["robot"] = {key: value for key, value in written["robot"].items() if value is not None}
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(written | (fields or {})))
-    return folder
+        load = {"mass": PAYLOAD.mass, "com": list(PAYLOAD.com)}
+        use = "train" if r < runs - 1 else "test"
+        entries.append({"file": f"runs/r{r}.parquet", "use": use, "payload": load})
+    robot = {"rotor_inertia": INERTIA.tolist()} | (robot or {})
+    robot = {key: value for key, value in robot.items() if value is not None}
+    return write_fields(folder, JOINTS, rate, entries, declared, robot, **(fields or {}))
 
 
 def pose_problem(folder: Path, own=()) -> Problem:

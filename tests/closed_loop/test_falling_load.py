@@ -29,8 +29,7 @@ def worn(share, fall, speed):
     ],
 )
 def test_both_parts_are_named_with_the_truth_in_their_intervals(tmp_path, joints, share, fall, speed):
-    bench = Bench(tmp_path, joints, size=0.5, rate=100.0, seconds=8.0, runs=4)
-    bench.frequencies = (0.3, 0.7, 1.1)
+    bench = Bench(tmp_path, joints, size=0.5, rate=100.0, seconds=8.0, runs=4, frequencies=(0.3, 0.7, 1.1))
     bench.record(worn(share, fall, speed)).accept()
     verdict = close_loop(tmp_path / "d", tmp_path / "out", light=True)
     first = [entry for entry in verdict["verdict"] if entry["joint"] == "j1"]

@@ -1,9 +1,9 @@
 """A user's own effect, from a file outside the package to its name in the verdict and its torque."""
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
+from folders import change_runs
 
 from wearscope.closed_loop.run import close_loop
 from wearscope.cycles.base import Reference
@@ -83,11 +83,8 @@ def test_named_on_the_command_line_it_is_named_and_simulated(record, hose, tmp_p
     after, before = (
         load_model(out / f"model_{stage}.yaml", allow_code=[str(hose)]) for stage in ("after", "before")
     )
-    recorded = {
-        name: simulate_forward(model, reference, declared=before)
-        for name, model in (("after", after), ("before", before))
-    }
-    own = (recorded["after"].tau - recorded["before"].tau)[:, 0]
+    recorded = [simulate_forward(model, reference, declared=before).tau for model in (after, before)]
+    own = (recorded[0] - recorded[1])[:, 0]
     expected = level["value"] * np.sin(3.0 * reference.q[:, 0]) * np.sign(reference.v[:, 0])
     moving = (np.abs(reference.v[:, 0]) > 0.3) & (t > 0.3)
     assert np.corrcoef(own[moving], expected[moving])[0, 1] > 0.98
@@ -116,22 +113,20 @@ def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(record, tmp_pa
     assert entries(verdict) == ([("a", "hose_drag")] if place == "effects" else [])
     assert verdict["joints"]["a"]["rms_after"] < 0.35
     stage = yaml.safe_load((tmp_path / "out" / "model_after.yaml").read_text())
-    (own,) = [
-        e
-        for e in stage["effects"]
-        if e["joint"] == "a" and "level" in e.get("parameters", {}) and "hose" in e["effect"]
-    ]
+    (own,) = [e for e in stage["effects"] if e["joint"] == "a" and "hose" in e["effect"]]
     assert own["parameters"]["level"] == pytest.approx(5.0, rel=0.05)
 
 
 def test_an_effect_with_a_measured_channel_is_named(record, tmp_path):
     """A pressure that is another one in every run; the effect needs it, the simulator does not have it."""
     folder = record(fields={"channels": {"pressure": "bar"}}, **SMALL)
-    for r, path in enumerate(sorted((folder / "runs").glob("*.parquet"))):
-        table = pd.read_parquet(path)
-        table["pressure"] = 30.0 + 6.0 * r + 2.0 * np.sin(0.7 * table["t"])
-        table["tau_a"] += 0.15 * table["pressure"] * table["q_a"]
-        table.to_parquet(path)
+    level = iter(np.arange(30.0, 60.0, 6.0))
+
+    def press(table):
+        pressure = next(level) + 2.0 * np.sin(0.7 * table["t"])
+        return table.assign(pressure=pressure, tau_a=table["tau_a"] + 0.15 * pressure * table["q_a"])
+
+    change_runs(folder, press)
     own = tmp_path / "pressure.py"
     own.write_text(PRESSURE)
     verdict = close_loop(folder, tmp_path / "out", light=True, effects=[own])

@@ -1,30 +1,22 @@
 """Two measured machines: what is named, the error on runs that were not fitted, and no joint worse."""
 
-import os
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from folders import change_runs, find_real
 
 from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose
 
-DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 pytestmark = pytest.mark.slow
 
 
-def locate(name):
-    if not (DATA / name).is_dir():
-        pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data")
-    return DATA / name
-
-
 def close(name):
-    return diagnose(locate(name)).verdict
+    return diagnose(find_real(name)).verdict
 
 
 def test_ball_screw_axis_is_predicted_within_3_percent():
@@ -38,11 +30,8 @@ def test_ball_screw_axis_is_predicted_within_3_percent():
 def test_an_offset_of_every_run_is_named_and_displaces_no_name(tmp_path):
     """A constant of 2.7 N, 5 % of the training run's force (RMS), is added to both runs of the axis."""
     plain = close("emps")
-    folder = shutil.copytree(locate("emps"), tmp_path / "emps")
-    for path in (folder / "runs").iterdir():
-        table = pd.read_parquet(path)
-        table["tau_slide"] += 2.7
-        table.to_parquet(path)
+    folder = shutil.copytree(find_real("emps"), tmp_path / "emps")
+    change_runs(folder, lambda table: table.assign(tau_slide=table["tau_slide"] + 2.7))
     shifted = diagnose(folder).verdict
     names = [{e["effect"] for e in verdict["verdict"] if e["in_model"]} for verdict in (plain, shifted)]
     assert names[0] == {"viscous_asymmetry", "time_delay", "concave_viscous"}
@@ -54,11 +43,9 @@ def test_an_offset_of_every_run_is_named_and_displaces_no_name(tmp_path):
 @pytest.mark.parametrize("delay", [0.02, -0.02])
 def test_a_delay_of_the_axis_is_taken_out_whole(tmp_path, delay):
     """Its force is moved by 20 ms, most of a period of the cut-off; 0.8 ms are the axis's own."""
-    folder = shutil.copytree(locate("emps"), tmp_path / "emps")
-    for path in (folder / "runs").iterdir():
-        table = pd.read_parquet(path)
-        table["tau_slide"] = np.interp(table["t"] - delay, table["t"], table["tau_slide"])
-        table.to_parquet(path)
+    folder = shutil.copytree(find_real("emps"), tmp_path / "emps")
+    late = lambda table: np.interp(table["t"] - delay, table["t"], table["tau_slide"])  # noqa: E731
+    change_runs(folder, lambda table: table.assign(tau_slide=late(table)))
     verdict = diagnose(folder).verdict
     named = {entry["effect"]: entry for entry in verdict["verdict"] if entry["in_model"]}
     assert {"time_delay", "viscous_asymmetry"} <= named.keys()
@@ -73,9 +60,7 @@ def test_industrial_arm_has_a_balancer_and_another_load_and_no_joint_is_worse():
     assert named["a2", "gravity_counterbalance"]["status"] == "confirmed"
     load = [entry for (_, effect), entry in named.items() if effect in ("payload_error", "inertial_error")]
     assert [entry["in_model"] for entry in load] == [True]
-    assert {
-        joint: state["error"] for joint, state in verdict["joints"].items() if state["error"] == "larger"
-    } == {}
+    assert not any(state["error"] == "larger" for state in verdict["joints"].values())
     for joint, percent in (("a1", 5.7), ("a2", 6.2), ("a3", 5.1)):
         assert verdict["joints"][joint]["left_percent"] < percent
     assert any(note.startswith("a1: the named body alone") for note in verdict["notes"])
@@ -85,13 +70,13 @@ def test_industrial_arm_has_a_balancer_and_another_load_and_no_joint_is_worse():
 def test_delayed_torques_of_a_double_pendulum_are_told(tmp_path, delay):
     """Both joints; 6 ms are the recorder's own. The model leaves a third of the torques (RMS)."""
     files = []
-    for path in sorted(locate("double_pendulum").glob("*.csv")):
+    for path in sorted(find_real("double_pendulum").glob("*.csv")):
         table = pd.read_csv(path)
         for name in ("tau_meas1", "tau_meas2"):
             table[name] = np.interp(table["time"] - delay, table["time"], table[name])
         files.append(str(tmp_path / path.name))
         table.iloc[50:-50].to_csv(files[-1], index=False)
-    urdf = str(locate("double_pendulum") / "acrobot.urdf")
+    urdf = str(find_real("double_pendulum") / "acrobot.urdf")
     done = CliRunner().invoke(
         wearscope, ["new", "dataset", *files, "--urdf", urdf, "--name", "d", "--in", str(tmp_path)]
     )

@@ -1,21 +1,13 @@
 """The study that `benchmarks/workflow.py --first` times is the default study as it stood at first."""
 
-import importlib.util
-from pathlib import Path
-
 import yaml
 
+from benchmarks.workflow import write_first_study
 from wearscope.config import load_config
-
-_SPEC = importlib.util.spec_from_file_location(
-    "benchmark_workflow", Path(__file__).parents[2] / "benchmarks" / "workflow.py"
-)
-benchmark = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(benchmark)
 
 
 def test_the_first_study_asks_for_1128_simulations_and_the_full_model(tmp_path):
-    benchmark.write_first_study(tmp_path / "first.yaml")
+    write_first_study(tmp_path / "first.yaml")
     study = load_config(yaml.safe_load((tmp_path / "first.yaml").read_text()))
     points = study.design.count_points(study.factors)
     cells = len(study.robots) * len(study.cycles)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from detection.worn_arm import make_duo, write_machine
 
 from wearscope.detection.judgement import count_sessions, judge_recordings
 from wearscope.detection.run import Setting, ask_recordings, check_recordings
@@ -26,14 +27,20 @@ def detect(folder, model, detectors=(C, D), **setting):
     return judge_recordings(tested, setting)
 
 
+@pytest.fixture
+def machine(tmp_path):
+    """`write_machine` into a fresh folder."""
+    return lambda judged, **options: write_machine(tmp_path / "duo", judged, **options)
+
+
 @pytest.fixture(scope="module")
-def worn(tmp_path_factory, duo, write_to):
+def worn(tmp_path_factory):
     """A machine with wear 0, 20 and 40 in three judged recordings, and two of other motions."""
-    folder = write_to(
+    folder = write_machine(
         tmp_path_factory.mktemp("worn") / "duo",
         [SAME, (1, 20.0, 8.0, 0.0), (1, 40.0, 8.0, 0.0), (2, 0.0, 8.0, 0.0), (1, 0.0, 6.0, 0.0)],
     )
-    return detect(folder, duo(), p_f=0.1, runs=19, worn_runs=15)
+    return detect(folder, make_duo(), p_f=0.1, runs=19, worn_runs=15)
 
 
 def test_planted_wear_raises_an_alarm_with_its_size_and_none_does_not(worn):
@@ -94,18 +101,18 @@ def test_on_the_common_axis_the_threshold_is_one_and_the_simulated_median_zero(w
     assert (worn_out["high"] > healthy["high"].max()).all()
 
 
-def test_a_machine_that_scatters_more_than_the_model_gets_wider_thresholds(machine, duo):
+def test_a_machine_that_scatters_more_than_the_model_gets_wider_thresholds(machine):
     """Sessions without wear give no alarm, and large wear still does."""
     folder = machine([SAME, SAME, (1, 40.0, 8.0, 0.0)], nominal=6, disturbance=0.1)
-    found = detect(folder, duo(), [C], runs=19, worn_runs=3)
+    found = detect(folder, make_duo(), [C], runs=19, worn_runs=3)
     cells = found.thresholds
     assert (cells["scatter_ratio"] > 1.2).all() and (cells["widening"] > cells["scatter_ratio"]).all()
     judged = found.detection[found.detection["kind"] == "judged"].groupby("run")["verdict"].agg(set)
     assert judged.tolist() == [{"no alarm"}, {"no alarm"}, {"alarm"}]
 
 
-def test_too_few_nominal_sessions_do_not_tell_how_the_machine_scatters(machine, duo):
-    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=1), duo(), [C], **FEW)
+def test_too_few_nominal_sessions_do_not_tell_how_the_machine_scatters(machine):
+    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=1), make_duo(), [C], **FEW)
     assert found.thresholds["widening"].isna().all()
     assert set(found.detection["verdict"]) == {"unchecked"}
 
@@ -119,25 +126,25 @@ def test_recordings_of_one_session_scatter_together():
     assert count("one", "one", "one") == 3 and count(None, None) == 2 and count() == 0
 
 
-def test_a_model_without_wear_says_so_and_reads_none(machine, duo):
-    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=3), duo(worn=False), [B])
+def test_a_model_without_wear_says_so_and_reads_none(machine):
+    found = detect(machine([(1, 40.0, 8.0, 0.0)], nominal=3), make_duo(worn=False), [B])
     idle = found.summary["motions"]["motion 1"]["factors_that_move_nothing"]
     assert idle == ["wear", "temperature", "payload_mass_error"]
     assert found.detection["wear"].isna().all() and found.thresholds["wear_detected"].isna().all()
     assert "simulated_worn" not in set(found.simulated["kind"])
 
 
-def test_detectors_may_be_fitted_to_simulated_runs(machine, duo):
-    found = detect(machine([(1, 30.0, 8.0, 0.0)], nominal=3), duo(), [D], nominal="simulated", **FEW)
+def test_detectors_may_be_fitted_to_simulated_runs(machine):
+    found = detect(machine([(1, 30.0, 8.0, 0.0)], nominal=3), make_duo(), [D], nominal="simulated", **FEW)
     nominal = found.detection[found.detection["kind"] == "nominal"]
     assert np.abs(nominal["y"]).max() < 6.0
     judged = found.detection[found.detection["kind"] == "judged"]
     np.testing.assert_allclose(judged["y"], 30.0, atol=4.0)
 
 
-def test_reference_sessions_are_nominal_rather_than_training_runs(machine, duo):
+def test_reference_sessions_are_nominal_rather_than_training_runs(machine):
     folder = machine([(1, 0.0, 8.0, 0.0)], nominal=3, fields={"reference": ["day 3"]})
-    found = detect(folder, duo(), [C], **FEW)
+    found = detect(folder, make_duo(), [C], **FEW)
     assert found.summary["motions"]["motion 1"]["nominal"] == ["runs/r3.parquet"]
     assert len(found.summary["motions"]["motion 1"]["judged"]) == 3
 
@@ -150,17 +157,17 @@ def test_reference_sessions_are_nominal_rather_than_training_runs(machine, duo):
         ([SAME], {"reference": ["new", "day 3"]}, "every run is nominal"),
     ],
 )
-def test_what_cannot_be_judged_is_refused_in_one_sentence(machine, duo, judged, fields, told):
+def test_what_cannot_be_judged_is_refused_in_one_sentence(machine, judged, fields, told):
     with pytest.raises(InputError, match=told):
-        detect(machine(judged, nominal=3, fields=fields), duo())
+        detect(machine(judged, nominal=3, fields=fields), make_duo())
 
 
-def test_a_rate_that_the_runs_cannot_give_is_refused_before_anything_is_read(duo):
+def test_a_rate_that_the_runs_cannot_give_is_refused_before_anything_is_read():
     with pytest.raises(InputError, match=r"takes 999 runs without wear, but detect\.runs is 39"):
-        detect("nowhere", duo(), p_f=0.001)
+        detect("nowhere", make_duo(), p_f=0.001)
 
 
-def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, duo, tmp_path):
+def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, tmp_path):
     folder = machine([SAME], nominal=2)
     slow = tmp_path / "slow.py"
     slow.write_text(
@@ -168,13 +175,13 @@ def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, duo, tmp_pa
         "    def test_quantity(self, batch):\n        return 0.0\nDETECTOR = S\n"
     )
     with pytest.raises(InputError, match="the fit of the detectors took longer than 5 s"):
-        detect(folder, duo(), [DetectorSpec("S", str(slow))], time_limit=5.0)
+        detect(folder, make_duo(), [DetectorSpec("S", str(slow))], time_limit=5.0)
     broken = tmp_path / "broken.py"
     broken.write_text(
         "class S:\n    def fit(self, nominal, axis, model):\n        raise ValueError('no')\n"
         "    def test_quantity(self, batch):\n        return 0.0\nDETECTOR = S\n"
     )
-    found = detect(folder, duo(), [C, DetectorSpec("S", str(broken))], **FEW)
+    found = detect(folder, make_duo(), [C, DetectorSpec("S", str(broken))], **FEW)
     rows = found.detection[found.detection["fda"] == "S"]
     assert set(rows["verdict"]) == {"failed"} and rows["status"].str.contains("ValueError: no").all()
     assert set(found.detection.loc[found.detection["fda"] == "C", "verdict"]) <= {"no alarm", "unchecked"}

@@ -14,15 +14,9 @@ def make_batch(seconds=6.0, size=(1.0, 0.4), shift=0.0, wait=0.0, pause=0.0, noi
     t = np.arange(round(seconds * RATE)) / RATE
     s = 2 * np.pi * t / seconds
     q = np.column_stack([size[0] * np.sin(s) ** 2 * np.sign(np.sin(s)), size[1] * (1 - np.cos(s))]) + shift
-    half = len(t) // 2
-    q = np.vstack(
-        [
-            np.tile(q[:1], (round(wait * RATE), 1)),
-            q[:half],
-            np.tile(q[half : half + 1], (round(pause * RATE), 1)),
-            q[half:],
-        ]
-    )
+    times = np.ones(len(t), dtype=int)
+    times[[0, len(t) // 2]] += round(wait * RATE), round(pause * RATE)
+    q = np.repeat(q, times, axis=0)
     q = q + noise * np.random.default_rng(3).standard_normal(q.shape)
     return Batch(np.arange(len(q)) / RATE, q, np.gradient(q, 1 / RATE, axis=0), np.zeros_like(q), RATE)
 

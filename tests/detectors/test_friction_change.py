@@ -1,21 +1,13 @@
 """Detector E against friction that is planted, and compared with C on the same recordings."""
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from detectors.two_joints import MODEL, simulate
 
 from wearscope.detectors.base import load_detector
 from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
-
-_SPEC = importlib.util.spec_from_file_location(
-    "friction_detectors", Path(__file__).with_name("test_friction_detectors.py")
-)
-shared = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(shared)
-simulate, MODEL = shared.simulate, shared.MODEL
 
 
 def plain(v):

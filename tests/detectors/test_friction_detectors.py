@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from detectors.two_joints import LAW, MODEL, simulate
 from scipy.signal import savgol_filter
 
 from wearscope.cycles.base import load_cycle
@@ -31,61 +32,9 @@ from wearscope.detectors.wear_temperature_fit import (
     evaluate_form,
     make_form,
 )
-from wearscope.effects.base import Signals, load_effect
-from wearscope.robots.model import load_model, make_model
+from wearscope.effects.base import load_effect
+from wearscope.robots.model import load_model
 from wearscope.simulation.study import Conditions, simulate_point
-
-URDF = """<robot name="two">
-<link name="base"/>
-<link name="upper"><inertial><origin xyz="0.3 0 0.02"/><mass value="8"/>
-<inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0.2 0.01 0"/><mass value="4"/>
-<inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
-<joint name="j2" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.6 0 0"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
-</robot>"""
-# Bittencourt's magnitudes (paper/notes.md) times 300 N m, at a gear ratio of 100.
-LAW = {
-    "eta0": 9.3, "eta1": -7.5, "eta2": 0.48, "eta3": -0.2481, "eta4": 0.0098, "eta5": 14.0, "eta6": -0.12,
-    "eta7": 0.3, "eta8": 0.005, "eta9": 0.15, "alpha": 1.3,
-}  # fmt: skip
-MODEL = make_model(
-    {
-        "name": "two",
-        "urdf": "two.urdf",
-        "joints": ["j1", "j2"],
-        "drive": {"rotor_inertia": [3.0, 2.0]},
-        "payload": {"mass": 5.0, "com": [0.4, 0.0, 0.05]},
-        "effects": [
-            {"joint": "j1", "effect": "torque_offset", "parameters": {"offset": 1.5}},
-            {"joint": "j1", "effect": "friction_wear_temperature", "parameters": LAW},
-        ],
-    },
-    URDF,
-)
-FRICTION = load_effect("friction_wear_temperature")
-
-
-def simulate(friction=None, wear=0.0, temperature=50.0, payload_factor=1.0, noise=0.0, seed=0, pace=1.0):
-    """Motion through both speed bands; torque by inverse dynamics of the true acceleration."""
-    t = np.arange(3000) / 250.0
-    amplitude, pulsation = np.array([[0.9, 0.7], [0.5, 0.4]]), pace * np.array([[2.2, 1.7], [0.4, 0.31]])
-    angle = pulsation[:, None, :] * t[:, None]
-    q = (amplitude[:, None, :] * np.sin(angle)).sum(axis=0)
-    qd = (amplitude[:, None, :] * pulsation[:, None, :] * np.cos(angle)).sum(axis=0)
-    a = -(amplitude[:, None, :] * pulsation[:, None, :] ** 2 * np.sin(angle)).sum(axis=0)
-    body = MODEL.rigid_body(MODEL.declared_payload.scaled(payload_factor))
-    tau = body.inverse_dynamics(q, qd, a) + MODEL.rotor_inertia * a
-    if friction is None:
-        full = np.ones_like(q)
-        signals = Signals(t, q, qd, a, np.sign(qd), tau, temperature * full, wear * full)
-        tau[:, 0] += FRICTION.torque(signals, 0, LAW) + 1.5
-    else:
-        tau[:, 0] += friction(qd[:, 0])
-    tau += noise * np.random.default_rng(seed).normal(size=tau.shape)
-    return Batch(t, q, qd, tau)
 
 
 def fitted(name, nominal, **options):

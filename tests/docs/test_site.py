@@ -1,8 +1,6 @@
 """The documentation builds without a warning, and every link in it leads somewhere."""
 
 import os
-import subprocess
-import sys
 from functools import partial
 from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -11,6 +9,7 @@ from threading import Thread
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from calls import call_python
 from reporting.browser import launch_browser
 
 from wearscope import plugins
@@ -46,14 +45,8 @@ class Page(HTMLParser):
 def site(tmp_path_factory):
     """The built site: pages by path."""
     target = tmp_path_factory.mktemp("site")
-    run = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(target)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "true"},
-    )
+    words = ("-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", target)
+    run = call_python(*words, folder=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "true"})
     assert run.returncode == 0 and "WARNING" not in run.stderr, run.stdout + run.stderr
     return {path: Page(path.read_text(encoding="utf-8")) for path in target.rglob("*.html")}
 
@@ -85,7 +78,7 @@ def test_every_link_leads_somewhere(site):
 
 
 def test_a_broken_link_would_be_found(site):
-    path = next(path for path in site if path.name == "limits.html")
+    path = find(site, "limits.html")
     links = ("theory.html#nowhere", "nothing.html", "theory.html")
     page = Page("".join(f'<a href="{link}">there</a>' for link in links))
     assert broken({**site, path: page}) == [f"limits.html: {link}" for link in links[:2]]
@@ -96,24 +89,26 @@ def test_nothing_is_loaded_from_elsewhere(site):
 
 
 def find(site, name):
-    return next(page for path, page in site.items() if path.name == name)
+    """Path of the page of a file's name."""
+    return next(path for path in site if path.name == name)
 
 
 def test_every_effect_and_detector_has_its_section(site):
     effects = plugins.list_names("effects", "EFFECT")
-    page = find(site, "effects.html")
+    page = site[find(site, "effects.html")]
     text = " ".join(page.words)
     assert set(effects) <= page.anchors
     for name in effects:
         assert load_effect(name).form in text and load_effect(name).source in text
-    assert set(plugins.list_names("detectors", "DETECTOR")) <= find(site, "built-in-detectors.html").anchors
+    detectors = site[find(site, "built-in-detectors.html")]
+    assert set(plugins.list_names("detectors", "DETECTOR")) <= detectors.anchors
 
 
 def test_every_effect_and_detector_has_its_picture(site):
     for page, room, attribute in (
         ("effects.html", "effects", "EFFECT"), ("built-in-detectors.html", "detectors", "DETECTOR"),
     ):  # fmt: skip
-        path = next(one for one in site if one.name == page)
+        path = find(site, page)
         shown = {one for one in site[path].loaded if one.startswith(f"pictures/{room}/")}
         assert shown == {f"pictures/{room}/{name}.svg" for name in plugins.list_names(room, attribute)}
         for one in shown:
@@ -136,7 +131,7 @@ def browser():
 
 @pytest.mark.parametrize("name", ["index", "tutorial", "gallery", "closed-loop", "torque-column"])
 def test_pages_fit_a_phone_and_show_their_pictures_when_opened_as_files(site, browser, name):
-    path = next(path for path in site if path.name == f"{name}.html")
+    path = find(site, f"{name}.html")
     page = browser.new_page(viewport={"width": 390, "height": 800})
     page.goto(path.as_uri())
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -147,8 +142,7 @@ def test_pages_fit_a_phone_and_show_their_pictures_when_opened_as_files(site, br
 
 
 def test_the_search_finds_a_word_when_the_site_is_served(site, browser):
-    folder = next(path for path in site if path.name == "index.html").parent
-    handler = partial(QuietHandler, directory=str(folder))
+    handler = partial(QuietHandler, directory=str(find(site, "index.html").parent))
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     Thread(target=server.serve_forever, daemon=True).start()
     page = browser.new_page(viewport={"width": 1280, "height": 800})

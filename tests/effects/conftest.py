@@ -2,24 +2,17 @@
 
 import numpy as np
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.effects.base import Signals
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.urdf import normalise_urdf
 
-URDF = """<robot name="trio"><link name="base"/>
-<link name="l1"><inertial><origin xyz="0.2 0 0.02"/><mass value="12"/>
-  <inertia ixx="0.05" iyy="0.3" izz="0.3"/></inertial></link>
-<joint name="one" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/></joint>
-<link name="l2"><inertial><origin xyz="0.15 0.01 0.03"/><mass value="6"/>
-  <inertia ixx="0.02" iyy="0.1" izz="0.1"/></inertial></link>
-<joint name="two" type="revolute"><origin xyz="0.45 0 0"/><parent link="l1"/><child link="l2"/>
-  <axis xyz="0 1 0"/></joint>
-<link name="l3"><inertial><origin xyz="0.02 0 0.05"/><mass value="2"/>
-  <inertia ixx="0.01" iyy="0.02" izz="0.02"/></inertial></link>
-<joint name="three" type="revolute"><origin xyz="0.3 0 0"/><parent link="l2"/><child link="l3"/>
-  <axis xyz="1 0 0"/></joint>
-</robot>"""
+URDF = describe_robot(
+    Joint("one", "0 1 0", 12, "0.2 0 0.02", "0.05 0.3 0.3"),
+    Joint("two", "0 1 0", 6, "0.15 0.01 0.03", "0.02 0.1 0.1", "0.45 0 0"),
+    Joint("three", "1 0 0", 2, "0.02 0 0.05", "0.01 0.02 0.02", "0.3 0 0"),
+)
 JOINTS = ["one", "two", "three"]
 
 

@@ -1,13 +1,12 @@
 """A user's own effect is one file, named by path: loaded, checked, evaluated and simulated."""
 
-import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from calls import call_python
+from urdf_texts import Joint, describe_robot
 
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant, load_effect
@@ -73,10 +72,7 @@ def write(tmp_path):
 
 
 def load_in_fresh_process(path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", LOAD.format(path=str(path))],
-        capture_output=True, text=True, env=os.environ, check=False,
-    )  # fmt: skip
+    done = call_python("-c", LOAD.format(path=str(path)))
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -221,11 +217,7 @@ def test_a_file_that_is_not_there_is_told(tmp_path):
         load_effect("nothing.py", folder=tmp_path)
 
 
-URDF = """<robot name="one"><link name="base"/>
-<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="5"/>
-  <inertia ixx="0.1" iyy="0.2" izz="0.2"/></inertial></link>
-<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
-</robot>"""
+URDF = describe_robot(Joint("turn", "0 0 1", 5, "0.2 0 0", "0.1 0.2 0.2"))
 
 
 def test_a_robot_s_model_names_it_from_its_own_folder_and_simulates_it(write, tmp_path, monkeypatch):
@@ -248,14 +240,8 @@ def test_a_robot_s_model_names_it_from_its_own_folder_and_simulates_it(write, tm
 
     plain = model.replace(effects=[])
     t = np.arange(0.0, 1.0, 5e-4)
-    omega = 2.0 * np.pi * 1.2
-    motion = Reference(
-        t,
-        *(
-            x[:, None]
-            for x in (np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t))
-        ),
-    )
+    omega, angle = 2.0 * np.pi * 1.2, 2.0 * np.pi * 1.2 * t[:, None]
+    motion = Reference(t, np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle))
     trace, dt = trace_forward(model, motion, plain)
     q, v = trace.q[:-1, 0], trace.v[:, 0]
     steps = slice(200, -200)

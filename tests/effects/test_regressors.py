@@ -191,15 +191,8 @@ def test_payload_error_is_what_another_payload_changes(signals, body):
     com = (0.2, -0.1, 0.04)
     inertia = np.array(com)[:, None] * np.array(com)
     about_origin = 1.5 * (np.trace(inertia) * np.eye(3) - inertia)
-    for name, (i, k) in {
-        "xx": (0, 0),
-        "xy": (0, 1),
-        "yy": (1, 1),
-        "xz": (0, 2),
-        "yz": (1, 2),
-        "zz": (2, 2),
-    }.items():
-        values[f"inertia_{name}"] = about_origin[i, k]
+    for name in ("xx", "xy", "yy", "xz", "yz", "zz"):
+        values[f"inertia_{name}"] = about_origin["xyz".index(name[0]), "xyz".index(name[1])]
     loaded = body.with_payload(Payload(1.5, com))
     change = loaded.inverse_dynamics(signals.q, signals.v, signals.a) - signals.load
     torque = load_effect("payload_error").torque(signals, 2, values)

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import signal
+from urdf_texts import Joint, describe_robot
 
 from wearscope import plugins
 from wearscope.cycles.base import Reference
@@ -14,19 +15,11 @@ from wearscope.simulation.forward import trace_forward
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.sensors import record
 
-URDF = """<robot name="arm"><link name="base"/>
-<link name="l1"><inertial><origin xyz="0 0 0.2"/><mass value="40"/>
-  <inertia ixx="1.5" iyy="1.4" izz="1.0"/></inertial></link>
-<joint name="turn" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 0 1"/></joint>
-<link name="l2"><inertial><origin xyz="0.35 0.02 0"/><mass value="20"/>
-  <inertia ixx="0.2" iyy="1.3" izz="1.2"/></inertial></link>
-<joint name="lift" type="revolute"><origin xyz="0.1 0 0.4"/><parent link="l1"/><child link="l2"/>
-  <axis xyz="0 1 0"/></joint>
-<link name="l3"><inertial><origin xyz="0 0 -0.2"/><mass value="8"/>
-  <inertia ixx="0.1" iyy="0.1" izz="0.03"/></inertial></link>
-<joint name="slide" type="prismatic"><origin xyz="0.7 0 0"/><parent link="l2"/><child link="l3"/>
-  <axis xyz="0 0 1"/></joint>
-</robot>"""
+URDF = describe_robot(
+    Joint("turn", "0 0 1", 40, "0 0 0.2", "1.5 1.4 1.0"),
+    Joint("lift", "0 1 0", 20, "0.35 0.02 0", "0.2 1.3 1.2", "0.1 0 0.4"),
+    Joint("slide", "0 0 1", 8, "0 0 -0.2", "0.1 0.1 0.03", "0.7 0 0", "prismatic"),
+)
 JOINTS = ["turn", "lift", "slide"]
 STEP = 2e-4
 TEMPERATURE, WEAR = 45.0, 20.0

@@ -62,22 +62,7 @@ def ask_row(shape: np.ndarray, q: float, v: float = 0.5, other: float = 0.0) -> 
     row, still = load_effect("unknown").row, np.zeros(2)
     out = np.full(36, 7.0)
     position, speed = np.array([q, other]), np.array([v, 0.0])
-    row(
-        0,
-        0.0,
-        0.01,
-        np.sign(speed),
-        position,
-        speed,
-        still,
-        still,
-        still,
-        still,
-        shape,
-        still,
-        still,
-        out[:33],
-    )
+    row(0, 0.0, 0.01, np.sign(speed), position, speed, *[still] * 4, shape, still, still, out[:33])
     assert (out[33:] == 7.0).all(), "what is not the effect's was written"
     return out[:33]
 

@@ -197,12 +197,8 @@ def test_a_body_counts_as_a_mass_and_three_moments_whatever_a_fit_chooses_of_it(
 def test_wrong_links_are_asked_one_by_one_then_together():
     effect = EFFECTS["inertial_error"].for_robot(3)
     assert effect is EFFECTS["inertial_error"].for_robot(3)
-    assert [p.name for p in effect.coefficients[20:24]] == [
-        "mass_3",
-        "moment_x_3",
-        "moment_y_3",
-        "moment_z_3",
-    ]
+    names = [p.name for p in effect.coefficients[20:24]]
+    assert names == ["mass_3", "moment_x_3", "moment_y_3", "moment_z_3"]
     assert [list(s) for s in effect.plain_subsets()] == [[10 * k + i for i in range(4)] for k in range(3)]
 
 
@@ -277,13 +273,7 @@ PASSIVE = {
     "quadratic_viscous": {"curvature": 2.0},
     "joint_spring": {"stiffness": 50.0, "preload": -4.0},
     "friction_wear_temperature": {
-        "eta0": 6.0,
-        "eta1": -1.0,
-        "eta2": 0.1,
-        "eta3": 0.05,
-        "eta4": 0.01,
-        "eta5": 5.0,
-        "eta6": 0.25,
+        f"eta{k}": value for k, value in enumerate((6.0, -1.0, 0.1, 0.05, 0.01, 5.0, 0.25))
     },
     "temperature_dependent_friction": {"coulomb_slope": 0.3, "viscous_slope": -0.1, "reference": 25.0},
     "stribeck": {"level": 4.0, "speed": 0.8, "exponent": 1.0},

@@ -31,16 +31,9 @@ def directly(surrogates, points, noise, shift=0.0, seed=0):
     rng = np.random.default_rng(seed)
     parts = []
     for (robot, cycle, axis, fda, _), surrogate in surrogates_of(surrogates, "full"):
-        part = view_for_axis(points, axis)[["point", *NAMES]].copy()
-        part["robot"], part["cycle"], part["axis"], part["fda"], part["set"] = (
-            robot,
-            cycle,
-            axis,
-            fda,
-            "audit",
-        )
-        part["y"] = surrogate.predict(part[NAMES].to_numpy()) + shift + noise * rng.standard_normal(len(part))
-        parts.append(part)
+        part = view_for_axis(points, axis)[["point", *NAMES]]
+        y = surrogate.predict(part[NAMES].to_numpy()) + shift + noise * rng.standard_normal(len(part))
+        parts.append(part.assign(robot=robot, cycle=cycle, axis=axis, fda=fda, set="audit", y=y))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -153,15 +146,8 @@ def test_missing_runs_get_one_sentence(surrogates, quantities, points):
 
 def make_audit(**columns):
     """Audited values of one detector and model, all alike but for what is given."""
-    given = {
-        "fda": "A",
-        "model": "full",
-        "extrapolated": False,
-        "failed": False,
-        "y_surrogate": 10.0,
-        "variance": 0.0475,
-    }
-    return pd.DataFrame(given | columns)
+    given = {"fda": "A", "model": "full", "extrapolated": False, "failed": False, "y_surrogate": 10.0}
+    return pd.DataFrame(given | {"variance": 0.0475} | columns)
 
 
 def test_the_share_inside_has_wilsons_interval():
@@ -224,13 +210,8 @@ def test_a_right_surrogate_is_withheld_at_most_once_in_a_hundred_and_nothing_is_
 
 
 def test_more_points_lie_at_other_places_of_each_boundary(surrogates):
-    scope = scope_table(
-        surrogates,
-        ["w3", "w5"],
-        methods=["exact"],
-        deltas=np.linspace(0, 4, 9),
-        sigmas=np.linspace(0.1, 1, 8),
-    )
+    grid = {"deltas": np.linspace(0, 4, 9), "sigmas": np.linspace(0.1, 1, 8)}
+    scope = scope_table(surrogates, ["w3", "w5"], methods=["exact"], **grid)
     points = choose_more_points(PAPER_FACTORS, scope, ["w3", "w5"], [0.25, 0.75], first=10)
     assert points["point"].tolist() == list(range(10, 26))
     assert (points["reason"] == "scope boundary").all()

@@ -32,15 +32,8 @@ def make_scope(limit, axes=(1, 2), robots=("r",), confidence=None):
 
 
 def make_ranking(first="A", tied=""):
-    other = "B" if first == "A" else "A"
-    return pd.DataFrame(
-        {
-            "fda": [first, other],
-            "median": [5.0, 2.0],
-            "rank": [1.0, 2.0],
-            "tied_with": [tied, first if tied else ""],
-        }
-    )
+    rows = [(first, 5.0, 1.0, tied), ("B" if first == "A" else "A", 2.0, 2.0, first if tied else "")]
+    return pd.DataFrame(rows, columns=["fda", "median", "rank", "tied_with"])
 
 
 def conclude(scope, ranking, **options):
@@ -127,12 +120,16 @@ def test_a_conclusion_survives_its_file():
         assert isinstance(again, Conclusion) and again.to_mapping() == found.to_mapping()
 
 
+def with_snr(scope):
+    """The scope as the only part, and signal-to-noise ratios of its cells, in which A is the best."""
+    snr = scope[["robot", "cycle", "axis", "fda"]].drop_duplicates()
+    values = np.where(snr["fda"] == "A", 5.0, 2.0)
+    return [scope], snr.assign(snr_exact=values, snr_low=values - 0.1, snr_high=values + 0.1)
+
+
 def test_robots_are_concluded_side_by_side():
     scope = make_scope(lambda fda, factor, axis, robot: 0.5 if robot == "r" else 0.25, robots=("r", "s"))
-    snr = scope.drop_duplicates(["robot", "cycle", "axis", "fda"])[["robot", "cycle", "axis", "fda"]]
-    values = np.where(snr["fda"] == "A", 5.0, 2.0)
-    snr = snr.assign(snr_exact=values, snr_low=values - 0.1, snr_high=values + 0.1)
-    conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
+    conclusions, rankings = conclude_study(*with_snr(scope), PAPER_FACTORS, 0.01, 0.99)
     assert [one.robot for one in conclusions] == ["", "r", "s"]
     assert conclusions[1].wear < conclusions[2].wear
     assert conclusions[0].wear == conclusions[2].wear
@@ -140,8 +137,5 @@ def test_robots_are_concluded_side_by_side():
 
 
 def test_a_robot_alone_is_concluded_once():
-    scope = make_scope(lambda *_: 0.25)
-    snr = scope.drop_duplicates(["robot", "cycle", "axis", "fda"])[["robot", "cycle", "axis", "fda"]]
-    snr = snr.assign(snr_exact=np.where(snr["fda"] == "A", 5.0, 2.0))
-    conclusions, rankings = conclude_study([scope], snr, PAPER_FACTORS, 0.01, 0.99)
+    conclusions, rankings = conclude_study(*with_snr(make_scope(lambda *_: 0.25)), PAPER_FACTORS, 0.01, 0.99)
     assert [one.robot for one in conclusions] == [""] and set(rankings["robot"]) == {""}

@@ -146,11 +146,8 @@ def test_the_interval_holds_the_true_snr(quantities):
 
 def test_constant_and_falling_detectors_are_reported(odd):
     table = snr_table(odd, runs=1000).groupby("fda")
-    assert {fda: set(rows["status"]) for fda, rows in table} == {
-        "A": {"ok"},
-        "B": {"decreasing"},
-        "C": {"constant"},
-    }
+    found = {fda: set(rows["status"]) for fda, rows in table}
+    assert found == {"A": {"ok"}, "B": {"decreasing"}, "C": {"constant"}}
     constant, falling = table.get_group("C"), table.get_group("B")
     assert constant[["snr", "snr_exact", "snr_low", "snr_high"]].isna().all().all()
     assert np.all(falling["snr"] < 0) and np.all(falling["snr_exact"] < 0)
@@ -161,17 +158,11 @@ def ranked(shift, spread=1.0, cells=24):
     rows = []
     for k in range(cells):
         common = rng.normal()
-        for fda, level in shift.items():
-            rows.append(
-                {
-                    "robot": "m",
-                    "cycle": str(k),
-                    "axis": 1,
-                    "fda": fda,
-                    "snr": level + common + spread * rng.normal(),
-                }
-            )
-    return rank_by_median(pd.DataFrame(rows), "snr", seed=0).set_index("fda")
+        rows += [
+            ("m", str(k), 1, fda, level + common + spread * rng.normal()) for fda, level in shift.items()
+        ]
+    table = pd.DataFrame(rows, columns=["robot", "cycle", "axis", "fda", "snr"])
+    return rank_by_median(table, "snr", seed=0).set_index("fda")
 
 
 def test_planted_ranks_are_found_and_ties_are_stated():

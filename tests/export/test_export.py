@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.cycles.base import required_torque
 from wearscope.cycles.planned import PlannedMotion
@@ -19,20 +20,13 @@ from wearscope.export.run import FILES, export_model, list_parameters, tell_expo
 from wearscope.robots.model import load_model, make_model
 from wearscope.robots.spatial import Inertia
 
-URDF = """<robot name="arm"><link name="base"/>
-<link name="l1"><inertial><origin xyz="0.02 0 0.2" rpy="0.3 0.2 0.1"/><mass value="40"/>
-  <inertia ixx="1.5" iyy="1.4" izz="1.0"/></inertial></link>
-<joint name="turn" type="revolute"><origin xyz="0 0 0.1" rpy="0.1 0.4 -0.7"/><parent link="base"/>
-  <child link="l1"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="900" velocity="2"/></joint>
-<link name="l2"><inertial><origin xyz="0.35 0.02 0" rpy="0 0.4 0"/><mass value="20"/>
-  <inertia ixx="0.2" iyy="1.3" izz="1.2"/></inertial></link>
-<joint name="lift" type="revolute"><origin xyz="0.1 0 0.4" rpy="0 0 0.2"/><parent link="l1"/>
-  <child link="l2"/><axis xyz="0 1 0.2"/><limit lower="-2" upper="2" effort="900" velocity="2"/></joint>
-<link name="l3"><inertial><origin xyz="0 0 -0.2"/><mass value="8"/>
-  <inertia ixx="0.1" iyy="0.1" izz="0.03"/></inertial></link>
-<joint name="slide" type="prismatic"><origin xyz="0.7 0 0" rpy="0 0.3 0"/><parent link="l2"/>
-  <child link="l3"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="900" velocity="2"/></joint>
-</robot>"""
+TURNS, SLIDES = "-2 2 900 2", "-0.5 0.5 900 2"
+FRAMES = {"turned": "0.1 0.4 -0.7", "principal": "0.3 0.2 0.1"}, {"turned": "0 0 0.2", "principal": "0 0.4 0"}
+URDF = describe_robot(
+    Joint("turn", "0 0 1", 40, "0.02 0 0.2", "1.5 1.4 1.0", "0 0 0.1", limits=TURNS, **FRAMES[0]),
+    Joint("lift", "0 1 0.2", 20, "0.35 0.02 0", "0.2 1.3 1.2", "0.1 0 0.4", limits=TURNS, **FRAMES[1]),
+    Joint("slide", "0 0 1", 8, "0 0 -0.2", "0.1 0.1 0.03", "0.7 0 0", "prismatic", SLIDES, "0 0.3 0"),
+)
 JOINTS = ["turn", "lift", "slide"]
 HELD = [
     ("turn", "coulomb", {"level": 12.0}),

@@ -3,7 +3,7 @@
 
 import random
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -55,35 +55,37 @@ STATEMENTS = {
 }  # fmt: skip
 
 
-def write_bag(
-    folder: Path, change: str = "as they should be", storage: StoragePlugin = StoragePlugin.SQLITE3
+def write_states(
+    folder: Path, messages: Iterable[tuple[int, int, dict[str, Any]]], storage: StoragePlugin
 ) -> None:
-    """A bag of both joints, its messages changed in one way."""
+    """Joint states as a bag: when each was received [ns], its own stamp [ns], and its fields."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     state, header, time = (
         store.types[name]
         for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     )
-    table = make_table(0)
     with Writer(folder, version=8, storage_plugin=storage) as writer:
         link = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
-        for row, (t, q, tau) in enumerate(
-            zip(
-                table["t"],
-                table[["q_j1", "q_j2"]].to_numpy(),
-                table[["tau_j1", "tau_j2"]].to_numpy(),
-                strict=True,
-            )
-        ):
-            stamp = 1_716_190_000_000_000_000 + round(t * 1e9)
-            one = {"stamp": stamp, "name": ["j1", "j2"], "position": q.copy(), "effort": tau.copy()}
-            MESSAGES[change](row, one)
-            sec, nanosec = divmod(one.pop("stamp"), 10**9)
+        for received, stamp, fields in messages:
+            sec, nanosec = divmod(stamp, 10**9)
             sec = (sec + 2**31) % 2**32 - 2**31  # as 32 bits hold it
-            message = state(
-                header=header(stamp=time(sec=sec, nanosec=nanosec), frame_id=""), velocity=np.zeros(0), **one
-            )
-            writer.write(link, stamp, store.serialize_cdr(message, state.__msgtype__))
+            stated = header(stamp=time(sec=sec, nanosec=nanosec), frame_id="")
+            message = state(header=stated, **{"velocity": np.zeros(0), **fields})
+            writer.write(link, received, store.serialize_cdr(message, state.__msgtype__))
+
+
+def write_bag(
+    folder: Path, change: str = "as they should be", storage: StoragePlugin = StoragePlugin.SQLITE3
+) -> None:
+    """A bag of both joints, its messages changed in one way."""
+    table, messages = make_table(0), []
+    q, tau = (table[[f"{kind}_j1", f"{kind}_j2"]].to_numpy() for kind in ("q", "tau"))
+    for row, t in enumerate(table["t"]):
+        received = 1_716_190_000_000_000_000 + round(t * 1e9)
+        one = {"stamp": received, "name": ["j1", "j2"], "position": q[row].copy(), "effort": tau[row].copy()}
+        MESSAGES[change](row, one)
+        messages.append((received, one.pop("stamp"), one))
+    write_states(folder, messages, storage)
 
 
 def write_odd_bag(folder: Path, draw: random.Random) -> str:

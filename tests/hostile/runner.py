@@ -51,18 +51,7 @@ AROUND: dict[str, Callable[[], object]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a command ended.
-
-    Attributes
-    ----------
-    code : int
-        Exit status, negative for a signal.
-    output : str
-    seconds : float
-        Of processor.
-    memory : int
-        Largest [bytes].
-    """
+    """How a command ended: exit status (negative for a signal), processor seconds, largest memory [bytes]."""
 
     code: int
     output: str

@@ -35,23 +35,12 @@ SPOIL = {
 
 @dataclass(frozen=True)
 class Subject:
-    """A command that reads files.
-
-    Attributes
-    ----------
-    write : callable
-        Makes sound files in a folder.
-    files : tuple of str
-        Those that are spoiled.
-    line : str or tuple of str
-        Command line.
-    made : tuple of str
-        What it makes, which is there whole or not at all.
-    """
+    """A command line that reads files: what makes sound ones in a folder, and those of them that are spoiled."""
 
     write: Callable[[Path], None]
     files: tuple[str, ...]
     line: str | tuple[str, ...]
+    #: What it makes, which is there whole or not at all.
     made: tuple[str, ...] = ()
 
     @property

@@ -141,3 +141,9 @@ def spoil_json(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         text, told = spoil_tree(json.loads(content), draw, json.dumps, False)
         return text.encode(), told
     return spoil_bytes(content, draw)
+
+
+def spoil_often(spoil: Callable, content: bytes, count: int):
+    """Contents that a sound one is spoiled to; equal numbers give equal ones."""
+    for number in range(count):
+        yield spoil(content, random.Random(f"{spoil.__name__} {number}"))[0]

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from folders import find_real
 from nbclient import NotebookClient
 
-ROOT = Path(__file__).parents[2]
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-#: Of a machine that others measured, next to a clone or where the variable says; not part of the repository.
-REAL = Path(os.environ.get("WEARSCOPE_DATA", ROOT.parent / "shared" / "data"))
+NOTEBOOKS = Path(__file__).parents[2] / "docs" / "notebooks"
 
 
 @pytest.fixture
@@ -54,35 +52,32 @@ def count_figures(cells):
 
 
 @pytest.mark.slow
-def test_study_gives_an_answer(run):
-    cells = run(ROOT / "docs" / "notebooks" / "study.ipynb")
+@pytest.mark.parametrize(
+    ("path", "words", "figures"),
+    [
+        (NOTEBOOKS / "study.ipynb", ["ranking", "degC", "snr"], 2),
+        (NOTEBOOKS / "loop.ipynb", ["gravity_counterbalance", "stribeck", "confirmed"], 1),
+    ],
+    ids=["study", "loop"],
+)
+def test_notebook_gives_its_answer_in_cells_as_they_are_kept(run, path, words, figures):
+    cells = run(path)
     text = read_outputs(cells)
-    assert "ranking" in text and "degC" in text and "snr" in text
-    assert count_figures(cells) == 2
-    check_kept(ROOT / "docs" / "notebooks" / "study.ipynb", cells)
-
-
-@pytest.mark.slow
-def test_loop_names_what_was_planted(run):
-    cells = run(ROOT / "docs" / "notebooks" / "loop.ipynb")
-    text = read_outputs(cells)
-    assert "gravity_counterbalance" in text and "stribeck" in text and "confirmed" in text
-    assert count_figures(cells) == 1
-    check_kept(ROOT / "docs" / "notebooks" / "loop.ipynb", cells)
+    assert all(word in text for word in words)
+    assert count_figures(cells) == figures
+    kept = nbformat.read(path, as_version=4).cells
+    assert [list_kinds(cell) for cell in kept] == [list_kinds(cell) for cell in cells]
 
 
 @pytest.mark.slow
 def test_loop_takes_a_real_machine_s_data(run):
-    place = REAL / "kr300"
-    if not (place / "dataset.yaml").is_file():
-        pytest.skip(f"no recordings of a real machine at {place}; WEARSCOPE_DATA names their folder")
-    code = f"from pathlib import Path\ndataset = Path({str(place)!r})"
-    cells = run(ROOT / "docs" / "notebooks" / "loop.ipynb", code)
+    code = f"from pathlib import Path\ndataset = Path({str(find_real('kr300'))!r})"
+    cells = run(NOTEBOOKS / "loop.ipynb", code)
     assert "gravity_counterbalance" in read_outputs(cells)
     assert count_figures(cells) == 1
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.stem)
 def test_notebook_is_kept_with_its_outputs_and_without_paths_of_a_machine(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
@@ -90,12 +85,6 @@ def test_notebook_is_kept_with_its_outputs_and_without_paths_of_a_machine(path):
     assert read_outputs(notebook.cells).strip()
     assert not re.search(r"(?<![\w.])/(tmp|home|root|Users)/", read_outputs(notebook.cells))
     assert all("execution" not in cell.metadata for cell in notebook.cells)
-
-
-def check_kept(path, cells):
-    """What is kept is of the same kinds, cell by cell, as what a run shows."""
-    kept = nbformat.read(path, as_version=4).cells
-    assert [list_kinds(cell) for cell in kept] == [list_kinds(cell) for cell in cells]
 
 
 def list_kinds(cell):

@@ -5,11 +5,11 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from calls import call_python
 
 import wearscope
 from wearscope import plugins
@@ -224,10 +224,7 @@ def run(tmp_path):
     """The command wearscope in an empty folder, in a process of its own; what it says, stripped."""
 
     def call(*command):
-        done = subprocess.run(
-            [sys.executable, "-m", "wearscope", *command], cwd=tmp_path, capture_output=True, text=True,
-            check=False, timeout=900,
-        )  # fmt: skip
+        done = call_python("-m", "wearscope", *command, folder=tmp_path, timeout=900)
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
         return done.stdout.strip()
 

@@ -3,6 +3,7 @@
 import shutil
 from contextlib import contextmanager
 
+import pandas as pd
 import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -56,3 +57,9 @@ def open_page(browser, file, width=1280, scheme="light"):
     finally:
         context.close()
     assert complaints == []
+
+
+def rows_of(page, chart, name=None):
+    """Rows that a chart draws."""
+    script = "([chart, name]) => wearscope.rows(chart, name ?? undefined)"
+    return pd.DataFrame(page.evaluate(script, [chart, name]))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from wearscope.evaluation.ranking import rank_by_median
@@ -13,7 +14,9 @@ from wearscope.reporting.answers import (
     relevant_factors,
     tolerances,
 )
-from wearscope.reporting.trust import audit_outcome, doubts, surrogate_quality
+from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.study_page import render_study
+from wearscope.reporting.trust import audit_outcome, direct_outcome, doubts, surrogate_quality
 
 
 def weigh(study, term, size):
@@ -76,6 +79,44 @@ def sound(study):
     return replace(fit(study, 90.0), audit=study.audit.assign(inside=True))
 
 
+def choose(study):
+    """The study with chosen surrogates: good ones, ones at the noise's ceiling, and too few points."""
+    cells = study.snr[["robot", "cycle", "axis", "fda"]].drop_duplicates()
+    fit = cells["fda"].map({"A": 97.0, "B": 91.0, "C": 88.0})
+    state = cells["fda"].map({"A": "reached", "B": "at ceiling", "C": "short"})
+    table = cells.assign(kind="gaussian_process", fit=fit, state=state, ceiling=99.0, n_points=155)
+    config = study.config | {"scope": study.config["scope"] | {"model": "chosen"}}
+    return replace(study, chosen=table, config=config)
+
+
+def withhold(study, *names):
+    """The study with chosen surrogates, and answers of all detectors but those that are withheld."""
+    rows = [(name, "chosen", 0.5, "withheld" if name in names else "given") for name in "ABC"]
+    table = pd.DataFrame(rows, columns=["fda", "model", "share_inside", "answer"])
+    return replace(choose(study), audit_answers=table)
+
+
+def best(study):
+    return str(study.ranking["fda"].iloc[0])
+
+
+def answer_all(study):
+    return [*best_detector(study), *effective_scope(study), *doubts(study)]
+
+
+def measure(study):
+    """The study with chosen surrogates and direct values, of which one agrees."""
+    direct = pd.DataFrame(
+        {
+            "robot": "medium", "cycle": "a", "axis": 1, "fda": ["A", "B"], "runs": 60, "n_failed": 0,
+            "snr_direct": [2.0, 5.0], "direct_low": [1.5, 4.0], "direct_high": [2.5, 6.0],
+            "snr_surrogate": [2.2, 9.0], "surrogate_low": [2.1, 8.0], "surrogate_high": [2.3, 10.0],
+            "agrees": [True, False],
+        }
+    )  # fmt: skip
+    return replace(choose(study), direct=direct)
+
+
 CASES = {
     "the delay outweighs wear": (relevant_factors, lambda s: weigh(s, "w4", -3.0)),
     "the delay does nothing": (relevant_factors, lambda s: weigh(s, "w4", 0.0)),
@@ -107,6 +148,16 @@ CASES = {
     "the audit contradicts a detector": (
         doubts, lambda s: replace(sound(s), audit=s.audit.assign(inside=s.audit["fda"] != "C")),
     ),
+    "chosen surrogates": (lambda s: [surrogate_quality(s)], choose),
+    "no answer is withheld": (answer_all, withhold),
+    "the best detector's answer is withheld": (answer_all, lambda s: withhold(s, best(s))),
+    "all answers are withheld": (answer_all, lambda s: withhold(s, "A", "B", "C")),
+    "direct values": (direct_outcome, measure),
+    "no direct values": (direct_outcome, choose),
+    "each cell's own interval": (
+        best_detector, lambda s: replace(s, ranking=s.ranking.assign(interval_from="each cell")),
+    ),
+    "no noise": (best_detector, lambda s: replace(s, snr=s.snr.assign(status="noise-free"))),
     "the audit": (audit_outcome, lambda s: s),
     "no audit": (audit_outcome, lambda s: replace(s, audit=None)),
     "no verdict of the audit": (
@@ -148,3 +199,16 @@ def test_audit_leaves_failed_values_out(study):
     said = audit_outcome(study)
     assert len(good) == len(study.audit) - 1 and f"{int(good['inside'].sum())} of {len(good)}" in said[0]
     assert said[-1].startswith(f"{int(verdicts['agrees'].sum())} of {len(verdicts)} scope verdicts")
+
+
+def test_a_withheld_answer_is_given_nowhere(study):
+    name, shut = study.detector_name(best(study)), withhold(study, best(study))
+    assert not any(name in one for one in [*best_detector(shut), *effective_scope(shut)])
+    groups = [{one.group for one in tolerances(each, "w3")} for each in (shut, withhold(study))]
+    assert name not in groups[0] and name in groups[1]
+
+
+def test_direct_values_stand_on_the_page_next_to_the_surrogate_s(study):
+    page = render_study(measure(study), compare_with_paper(measure(study)))
+    assert "2 (1.5 to 2.5)" in page and "2.2 (2.1 to 2.3)" in page
+    assert "runs that no choice saw" in page and "8 gaussian process" in page

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from reporting.browser import RUNNING_OVER, find_browser, open_page
+from reporting.browser import RUNNING_OVER, find_browser, open_page, rows_of
 from reporting.test_closed_loop_page import VERDICT, write
 
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
@@ -33,12 +33,6 @@ def file(asked, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(render_study(asked, compare_with_paper(asked)), encoding="utf-8")
     return path
-
-
-def rows_of(page, chart, name=None):
-    """Rows that a chart draws."""
-    script = "([chart, name]) => wearscope.rows(chart, name ?? undefined)"
-    return pd.DataFrame(page.evaluate(script, [chart, name]))
 
 
 def check_equal(shown, table, keys):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from reporting.browser import RUNNING_OVER, open_page
+from reporting.browser import RUNNING_OVER, open_page, rows_of
 
 from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.charts.base import CELL_KEYS
@@ -35,11 +35,6 @@ def file():
 
 def read(name):
     return tables.read_table(RESULTS / f"{name}.parquet")
-
-
-def rows_of(page, chart, name=None):
-    script = "([chart, name]) => wearscope.rows(chart, name ?? undefined)"
-    return pd.DataFrame(page.evaluate(script, [chart, name]))
 
 
 def check_same(shown, table, columns, keys=KEYS):

@@ -25,18 +25,25 @@ def wide(columns):
     return frame
 
 
+PAYLOAD, LESS = "Payload mass error moves A", "B and C respond less"
+
+
 @pytest.mark.parametrize(
-    "sizes, verdict",
+    ("term", "sizes", "finding", "verdict"),
     [
-        ({"A": 3.0, "B": 2.0, "C": 0.8}, "agrees"),
-        ({"A": 0.1, "B": 0.2, "C": 0.3}, "disagrees"),
-        ({"A": 3.0, "B": 2.0, "C": 0.3}, "partly"),
-        ({"A": -3.0, "B": 2.0, "C": 0.8}, "agrees"),
+        ("w3", (3.0, 2.0, 0.8), "Temperature considerably", "agrees"),
+        ("w3", (0.1, 0.2, 0.3), "Temperature considerably", "disagrees"),
+        ("w3", (3.0, 2.0, 0.3), "Temperature considerably", "partly"),
+        ("w3", (-3.0, 2.0, 0.8), "Temperature considerably", "agrees"),
+        ("w3", (2.0, 3.0, 1.0), "C has the lowest", "agrees"),
+        ("w3", (2.0, 3.0, 2.5), "C has the lowest", "partly"),
+        *(("w5", (3.0, 0.5, 0.1), finding, "agrees") for finding in (PAYLOAD, LESS)),
+        *(("w5", (0.2, 0.5, 0.9), finding, "disagrees") for finding in (PAYLOAD, LESS)),
     ],
 )
-def test_temperature_finding_follows_the_numbers(change, set_term, sizes, verdict):
-    study = change(surrogates=set_term("w3", sizes))
-    assert verdict_of(study, "Temperature considerably") == verdict
+def test_findings_of_coefficients_follow_the_numbers(change, set_term, term, sizes, finding, verdict):
+    study = change(surrogates=set_term(term, dict(zip("ABC", sizes, strict=True))))
+    assert verdict_of(study, finding) == verdict
 
 
 def test_an_interval_across_the_threshold_is_undecided(study, change, set_term):
@@ -44,22 +51,6 @@ def test_an_interval_across_the_threshold_is_undecided(study, change, set_term):
     rows = table.index[(table["fda"] == "B") & (table["term"] == "w3") & (table["model"] == "simplified")]
     table.loc[rows, "theta_normalised"] = np.where(np.arange(len(rows)) % 2, 0.1, 2.0)
     assert verdict_of(change(surrogates=table), "Temperature considerably") == "undecided"
-
-
-def test_payload_findings_flip(change, set_term):
-    paper = change(surrogates=set_term("w5", {"A": 3.0, "B": 0.5, "C": 0.1}))
-    assert verdict_of(paper, "Payload mass error moves A") == "agrees"
-    assert verdict_of(paper, "B and C respond less") == "agrees"
-    other = change(surrogates=set_term("w5", {"A": 0.2, "B": 0.5, "C": 0.9}))
-    assert verdict_of(other, "Payload mass error moves A") == "disagrees"
-    assert verdict_of(other, "B and C respond less") == "disagrees"
-
-
-def test_the_lowest_temperature_coefficient_is_looked_for(change, set_term):
-    lowest = change(surrogates=set_term("w3", {"A": 2.0, "B": 3.0, "C": 1.0}))
-    assert verdict_of(lowest, "C has the lowest") == "agrees"
-    between = change(surrogates=set_term("w3", {"A": 2.0, "B": 3.0, "C": 2.5}))
-    assert verdict_of(between, "C has the lowest") == "partly"
 
 
 @pytest.mark.parametrize(

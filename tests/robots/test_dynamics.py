@@ -6,18 +6,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-SLIDE = """<robot name="slide">
-  <link name="base"/>
-  <link name="carriage"><inertial><mass value="95.1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
-  <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="0 0 1"/>
-    <limit lower="-0.1" upper="0.5" effort="400" velocity="1"/></joint>
-</robot>"""
+SLIDE = describe_robot(Joint("slide", "0 0 1", 95.1, kind="prismatic", limits="-0.1 0.5 400 1"))
 PAYLOAD = Payload(7.0, (0.1, -0.2, 0.3), (0.5, 0.02, -0.01, 0.4, 0.03, 0.6))
 
 

@@ -2,12 +2,14 @@
 
 import math
 import pickle
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from urdf_texts import Joint, describe_robot
 
 from wearscope.errors import InputError
 from wearscope.robots.model import (
@@ -19,14 +21,10 @@ from wearscope.robots.model import (
 )
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-URDF = """<robot name="gantry">
-  <link name="base"/>
-  <link name="bridge"><inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
-  <joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
-    <limit lower="0.2" upper="0.8" effort="400" velocity="1"/></joint>
-  <link name="head"><inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial></link>
-  <joint name="c" type="continuous"><parent link="bridge"/><child link="head"/><axis xyz="0 0 1"/></joint>
-</robot>"""
+URDF = describe_robot(
+    Joint("x", "1 0 0", 50, kind="prismatic", limits="0.2 0.8 400 1"),
+    Joint("c", "0 0 1", 5, moments="0.1 0.1 0.1", kind="continuous"),
+)
 FIELDS = {"name": "gantry", "urdf": "gantry.urdf", "joints": ["x", "c"]}
 
 
@@ -150,11 +148,8 @@ def test_a_urdf_without_inertia_is_refused(tmp_path):
     shutil.copytree(ROBOTS / "medium", tmp_path / "mine")
     path = tmp_path / "mine" / "robot.urdf"
     text = path.read_text()
-    start, end = (
-        text.index("<inertial>", text.index("link_3")),
-        text.index("</inertial>", text.index("link_3")),
-    )
-    path.write_text(text[:start] + text[end + len("</inertial>") :])
+    before, found, after = text.partition("link_3")
+    path.write_text(before + found + re.sub(r"(?s)<inertial>.*?</inertial>", "", after, count=1))
     with pytest.raises(InputError, match=r"robot\.urdf: link 'link_3' moves but has no mass"):
         load_model(tmp_path / "mine")
 

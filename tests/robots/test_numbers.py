@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model, make_model
@@ -65,10 +66,7 @@ def test_a_heavier_link_moves_the_gravity_torque_by_its_weight_times_its_lever()
     """A horizontal arm of one joint: m g l, for the mass and for the centre of mass."""
     arm = make_model(
         {"name": "one", "urdf": "one.urdf", "joints": ["lift"]},
-        """<robot name="one"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/>
-        <mass value="3"/><inertia ixx="0.01" iyy="0.2" izz="0.2"/></inertial></link>
-        <joint name="lift" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 -1 0"/>
-        <limit lower="-2" upper="2" effort="99" velocity="3"/></joint></robot>""",
+        describe_robot(Joint("lift", "0 -1 0", 3, "0.5 0 0", "0.01 0.2 0.2", limits="-2 2 99 3")),
     )
     g = 9.81
     assert gravity_torque(arm, [0.0]) == pytest.approx([3.0 * g * 0.5])

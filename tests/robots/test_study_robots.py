@@ -1,17 +1,16 @@
 """The two robots of the study: their model files recomputed from the numbers that their READMEs state."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import find_real
 
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import check_effects, load_model
 from wearscope.robots.urdf import normalise_urdf
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 MOTOR_TURN = 2.0 * np.pi
 
 MEDIUM_RATIO = np.array([-105, 210, 60, -99, 79.2, -99])
@@ -152,10 +151,9 @@ def test_medium_base_mass_does_not_matter():
     np.testing.assert_allclose(other.inverse_dynamics(q, v, a), body.inverse_dynamics(q, v, a), atol=1e-9)
 
 
-@pytest.mark.skipif(not (DATA / "kr300").is_dir(), reason="needs kr300 in WEARSCOPE_DATA or ../shared/data")
 def test_large_is_the_published_robot():
     joints = [f"a{k}" for k in range(1, 7)]
-    published = RigidBody(normalise_urdf(DATA / "kr300" / "robot.urdf", joints), joints)
+    published = RigidBody(normalise_urdf(find_real("kr300") / "robot.urdf", joints), joints)
     own = load_model("large", ROBOTS).rigid_body()
     q, v, a = np.random.default_rng(6).normal(size=(3, 30, 6))
     expected = published.inverse_dynamics(q, v, a)

@@ -1,29 +1,19 @@
 """A small robot and motions for it, shared by the tests of the simulation."""
 
 import numpy as np
+from urdf_texts import Joint, describe_robot
 
 from wearscope.cycles.base import Reference
 from wearscope.robots.model import RobotModel, make_model
 
 # A chain with a tilted and a translating joint, and a side branch that makes it a tree.
-URDF = """<robot name="arm"><link name="base"/>
-<link name="l1"><inertial><origin xyz="0.02 0 0.2" rpy="0.3 0.2 0.1"/><mass value="40"/>
-  <inertia ixx="1.5" iyy="1.4" izz="1.0"/></inertial></link>
-<joint name="turn" type="revolute"><origin xyz="0 0 0.1" rpy="0.1 0 0"/><parent link="base"/>
-  <child link="l1"/><axis xyz="0 0 1"/></joint>
-<link name="l2"><inertial><origin xyz="0.35 0.02 0" rpy="0 0.4 0"/><mass value="20"/>
-  <inertia ixx="0.2" iyy="1.3" izz="1.2"/></inertial></link>
-<joint name="lift" type="revolute"><origin xyz="0.1 0 0.4" rpy="0 0 0.2"/><parent link="l1"/>
-  <child link="l2"/><axis xyz="0 1 0.2"/></joint>
-<link name="l3"><inertial><origin xyz="0 0 -0.2"/><mass value="8"/>
-  <inertia ixx="0.1" iyy="0.1" izz="0.03"/></inertial></link>
-<joint name="slide" type="prismatic"><origin xyz="0.7 0 0" rpy="0 0.3 0"/><parent link="l2"/>
-  <child link="l3"/><axis xyz="0 0 1"/></joint>
-<link name="l4"><inertial><origin xyz="0 0.1 0"/><mass value="5"/>
-  <inertia ixx="0.05" iyy="0.04" izz="0.03"/></inertial></link>
-<joint name="side" type="revolute"><origin xyz="0 0.3 0.1"/><parent link="l1"/><child link="l4"/>
-  <axis xyz="1 0 0"/></joint>
-</robot>"""
+FRAMES = {"turned": "0.1 0 0", "principal": "0.3 0.2 0.1"}, {"turned": "0 0 0.2", "principal": "0 0.4 0"}
+URDF = describe_robot(
+    Joint("turn", "0 0 1", 40, "0.02 0 0.2", "1.5 1.4 1.0", "0 0 0.1", **FRAMES[0]),
+    Joint("lift", "0 1 0.2", 20, "0.35 0.02 0", "0.2 1.3 1.2", "0.1 0 0.4", **FRAMES[1]),
+    Joint("slide", "0 0 1", 8, "0 0 -0.2", "0.1 0.1 0.03", "0.7 0 0", "prismatic", turned="0 0.3 0"),
+    Joint("side", "1 0 0", 5, "0 0.1 0", "0.05 0.04 0.03", "0 0.3 0.1", parent="l1"),
+)
 JOINTS = ["turn", "lift", "slide", "side"]
 
 

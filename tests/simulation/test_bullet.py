@@ -1,11 +1,10 @@
 """PyBullet's banner is dropped, errors are not."""
 
-import subprocess
-import sys
+from calls import call_python
 
 
 def run(code):
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = call_python("-c", code)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -30,7 +29,5 @@ def test_everything_else_is_passed_on():
 
 
 def test_a_process_without_standard_error_imports_it_too():
-    assert run("import os; os.close(2); from wearscope.simulation import world; print('ok')")[:2] == (
-        0,
-        "ok\n",
-    )
+    code = "import os; os.close(2); from wearscope.simulation import world; print('ok')"
+    assert run(code)[:2] == (0, "ok\n")

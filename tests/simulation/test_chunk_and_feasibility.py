@@ -1,14 +1,13 @@
 import errno
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pybullet
 import pytest
+from calls import call_python
 
 from wearscope.cycles.base import Cycle, Reference, load_cycle
 from wearscope.errors import InputError
@@ -41,8 +40,22 @@ def make_row(point, f=0.0, w3=50.0, w4=50.0, w5=0.0):
 ROWS = [make_row(1), make_row(2, f=50.0), make_row(3, w4=75.0)]
 
 
-def simulate(folder, rows, model, cycle, common="code", plan=PLAN):
-    return chunk.simulate_chunk(folder, "identification", rows, model, cycle, plan, common)
+def simulate(folder, rows, model, cycle, common="code", plan=PLAN, *more):
+    return chunk.simulate_chunk(folder, "identification", rows, model, cycle, plan, common, *more)
+
+
+def make_cycle(build):
+    return Cycle("mine", "Mine.", build)
+
+
+def go_too_far(cycle):
+    """The test-cycle five radians further than it goes."""
+
+    def build(model, dwell, step):
+        good = cycle.build(model, dwell, step)
+        return Reference(good.t, good.q + 5.0, good.v, good.a)
+
+    return make_cycle(build)
 
 
 def test_points_do_not_depend_on_how_they_are_chunked(tmp_path, model, cycle):
@@ -246,25 +259,15 @@ def test_cycle_that_raises_or_goes_too_far_is_told(model, cycle):
         raise ZeroDivisionError("no moves")
 
     with pytest.raises(InputError, match=r"build raised ZeroDivisionError: no moves; correct the test-cycle"):
-        check_cycle(model, Cycle("mine", "Mine.", explode), "mine", RANGES, 0.001)
-
-    def far(model, dwell, step):
-        good = cycle.build(model, dwell, step)
-        return Reference(good.t, good.q + 5.0, good.v, good.a)
-
+        check_cycle(model, make_cycle(explode), "mine", RANGES, 0.001)
     with pytest.raises(InputError, match=r"test-cycle 'mine' on robot 'medium'.* beyond its limit"):
-        check_cycle(model, Cycle("mine", "Mine.", far), "mine", RANGES, 0.001)
+        check_cycle(model, go_too_far(cycle), "mine", RANGES, 0.001)
 
 
 def test_simulation_that_does_not_start_is_told(model, cycle, monkeypatch):
     check_start(model, cycle, "mine", 0.001)
-
-    def outside(model, dwell, step):
-        good = cycle.build(model, dwell, step)
-        return Reference(good.t, good.q + 5.0, good.v, good.a)
-
     with pytest.raises(InputError, match=r"'mine' on robot 'medium': the simulation fails at its start, j"):
-        check_start(model, Cycle("mine", "Mine.", outside), "mine", 0.001)
+        check_start(model, go_too_far(cycle), "mine", 0.001)
     monkeypatch.setattr("wearscope.simulation.world.SELF_TEST_TOLERANCE", 0.0)
     with pytest.raises(InputError, match=r"fails at its start, self-test: .*; correct the robot"):
         check_start(model, cycle, "mine", 0.001)
@@ -288,13 +291,8 @@ def test_point_that_hangs_or_crashes_has_failed_and_the_others_are_the_same(
     rows = [ROWS[0], ROWS[2], ROWS[1]]
     for build, reason in ((stuck, "took longer than 5 s"), (crash, "crashed its process (SIGSEGV)")):
         folder, done = tmp_path / build.__name__, []
-        mine = Cycle("mine", "Mine.", build)
-        outcome = chunk.simulate_chunk(
-            folder, "identification", rows, model, mine, PLAN, "code", done.append, time_limit=5.0
-        )
-        assert (
-            outcome.failed == {3: f"the simulation {reason}"} and outcome.fingerprints == whole.fingerprints
-        )
+        outcome = simulate(folder, rows, model, make_cycle(build), "code", PLAN, done.append, 5.0)
+        assert outcome == chunk.ChunkOutcome(whole.fingerprints, {3: f"the simulation {reason}"})
         paths = {k: point_path(folder, "identification", k) for k in (1, 2, 3)}
         assert not paths[3].exists()
         for k in (1, 2):
@@ -318,17 +316,7 @@ def test_a_kill_that_nobody_ordered_is_no_failed_point(tmp_path, model, cycle, k
     folder, done = tmp_path / "killed", []
 
     def attempt():
-        return chunk.simulate_chunk(
-            folder,
-            "identification",
-            ROWS,
-            model,
-            Cycle("mine", "M.", killed),
-            PLAN,
-            "code",
-            done.append,
-            60.0,
-        )
+        return simulate(folder, ROWS, model, make_cycle(killed), "code", PLAN, done.append, 60.0)
 
     if kills == 2:
         with pytest.raises(InputError, match=r"^a process was killed twice \(SIGKILL\).* free memory"):
@@ -362,5 +350,4 @@ assert not simulate_chunk({str(tmp_path)!r}, "identification", rows, model, cycl
 heavy = ("pandas", "matplotlib", "statsmodels", "seaborn", "SALib", "snakemake", "scipy.optimize")
 print([name for name in heavy if name in sys.modules])
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert call_python("-c", program).stdout == "[]\n"

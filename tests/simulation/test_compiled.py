@@ -1,10 +1,9 @@
 """What the set-up compiles is all that a study's simulations, detectors and scope compile."""
 
 import os
-import subprocess
-import sys
 
 import pytest
+from calls import call_python
 
 USE = """
 import numpy as np
@@ -29,9 +28,7 @@ simulate_run(TWIN, motion, 30.0, "load_dependent_friction", 1.0)
 
 
 def run(*command, **names):
-    done = subprocess.run(
-        [sys.executable, *command], env=os.environ | names, capture_output=True, text=True, check=False
-    )
+    done = call_python(*command, env=os.environ | names)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

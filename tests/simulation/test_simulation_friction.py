@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 from single_axis import DRIVE, make_axis
 
+from benchmarks.sessions import describe_arm
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import make_model
@@ -333,31 +334,16 @@ def test_what_pybullet_gets_is_told_by_effect(arms, lost_motion):
     np.testing.assert_array_equal(plain.torque, trace.torque)
 
 
-def chain(lengths, masses):
-    """A planar arm of uniform rods in a vertical plane, as URDF."""
-    told, parent, at = '<robot name="chain"><link name="base"/>', "base", 0.0
-    for k, (length, mass) in enumerate(zip(lengths, masses, strict=True)):
-        turn = mass * length**2 / 12.0
-        told += (
-            f'<link name="l{k}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>'
-            f'<inertia ixx="{turn}" iyy="{turn}" izz="{turn}"/></inertial></link>'
-            f'<joint name="j{k}" type="continuous"><origin xyz="{at} 0 0"/><parent link="{parent}"/>'
-            f'<child link="l{k}"/><axis xyz="0 1 0"/></joint>'
-        )
-        parent, at = f"l{k}", length
-    return told + "</robot>"
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_load_friction_of_two_neighbours_balances_along_a_motion(seed):
     """Each one's load moves with the other's acceleration, which slopes against one speed do not tell."""
     rng, n, share = np.random.default_rng(seed), 4, 0.3
     entries = [
         {"joint": f"j{k}", "effect": "load_dependent_friction", "parameters": {"coefficient": share}}
-        for k in (1, 2)
+        for k in (2, 3)
     ]
-    urdf = chain((0.4, 0.35, 0.2, 0.12), (6.0, 4.0, 1.5, 0.8))
-    fields = {"name": "chain", "urdf": "chain.urdf", "joints": [f"j{k}" for k in range(n)]}
+    urdf = describe_arm((0.4, 0.35, 0.2, 0.12), (6.0, 4.0, 1.5, 0.8), ["0 1 0"] * n, raised=0.0)
+    fields = {"name": "chain", "urdf": "chain.urdf", "joints": [f"j{k + 1}" for k in range(n)]}
     model = make_model({**fields, "effects": entries}, urdf)
     t = np.arange(2000) * 1e-3
     q, v, a = np.zeros((3, len(t), n))

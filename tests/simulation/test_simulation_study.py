@@ -1,13 +1,12 @@
 """Design points: factors, seeds, bytes, refusals, the recording and its file."""
 
 import hashlib
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from calls import call_python
 
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.errors import InputError, SimulationError
@@ -184,7 +183,7 @@ move = Reference(r.t[:2001], r.q[:2001], r.v[:2001], r.a[:2001])
 recording = simulate_point(model, move, Conditions((10.0,), 41.0, 0.02), seed_of(0, 1))
 write_recording({str(tmp_path / "b.parquet")!r}, recording, model.joints)
 """
-    subprocess.run([sys.executable, "-c", program], check=True, capture_output=True)
+    assert call_python("-c", program).returncode == 0
     recording = simulate_point(medium, move, POINTS[1], seed_of(0, 1))
     write_recording(tmp_path / "a.parquet", recording, medium.joints)
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()

@@ -5,38 +5,18 @@ import re
 import numpy as np
 import pytest
 import yaml
-from recorded_chain import Bench, chain, move, rub
+from recorded_chain import Bench, chain, rub, torque_of
 
 from wearscope.closed_loop.intake.pushes import find_pushes
 
-
-def record_speeds(bench, torque, clock=1.0, turned=1.0):
-    """Recordings with speed columns, whose clock shows `clock` times the true time."""
-    for k in range(bench.runs):
-        rng = np.random.default_rng([bench.n, k])
-        t = np.arange(int(bench.seconds * bench.rate)) / bench.rate
-        q, v, a = move(rng, t, bench.n, bench.size, bench.frequencies)
-        table = np.column_stack([clock * t, q, turned * v, torque(q, v, a, rng, t)])
-        names = [f"{kind}{j + 1}" for kind in ("q", "qd", "tau") for j in range(bench.n)]
-        header = ",".join(["time", *names])
-        np.savetxt(bench.folder / f"run{k}.csv", table, "%.8g", ",", header=header, comments="")
-    return bench
-
-
-def load(masses, noise=0.02, factor=1.0):
-    """Torque of a chain of point masses (n,) or by run, with friction."""
-
-    def made(q, v, a, rng, t):
-        tau = chain(q, v, a, masses, 0.3) + rub(v, 0.3, 0.4)
-        return factor * (tau + rng.normal(0.0, noise, q.shape))
-
-    return made
+#: Torque of a chain with friction and noise.
+LOAD = torque_of(1.2, 0.3, 0.4, noise=0.02)
 
 
 @pytest.mark.parametrize(("n", "clock"), [(3, 0.5), pytest.param(2, 10.0, marks=pytest.mark.slow)])
 def test_a_clock_that_is_wrong_is_told_first_and_taken(tmp_path, n, clock):
     """All speeds differ from the slopes of the positions by one factor, which no speed column's unit is."""
-    bench = record_speeds(Bench(tmp_path, n, seconds=12.0), load(1.2), clock)
+    bench = Bench(tmp_path, n, seconds=12.0).record(LOAD, speed=1.0, shown=clock)
     text = bench.refuse()
     assert f"the clock or the rate is wrong by a factor of {max(clock, 1 / clock):g}" in text
     said = re.search(r"give --time-scale (\S+),", text)
@@ -48,7 +28,7 @@ def test_a_clock_that_is_wrong_is_told_first_and_taken(tmp_path, n, clock):
 
 
 def test_one_speed_that_is_none_is_no_clock(tmp_path):
-    bench = record_speeds(Bench(tmp_path, 2, seconds=12.0), load(1.2), turned=np.array([1.0, 60.0]))
+    bench = Bench(tmp_path, 2, seconds=12.0).record(LOAD, speed=np.array([1.0, 60.0]))
     assert "column 'qd_j2' is 60 times the slope of 'q_j2'" in bench.refuse()
 
 
@@ -76,7 +56,7 @@ def test_pushes_have_their_times_and_sizes():
 
 
 def test_files_without_names_are_taken_by_the_columns_that_are_given(tmp_path):
-    bench = Bench(tmp_path, 2, seconds=9.0).record(load(1.2))
+    bench = Bench(tmp_path, 2, seconds=9.0).record(LOAD)
     names = (tmp_path / "run0.csv").read_text().split("\n", 1)[0]
     for k in range(bench.runs):
         file = tmp_path / f"run{k}.csv"
@@ -87,7 +67,7 @@ def test_files_without_names_are_taken_by_the_columns_that_are_given(tmp_path):
 
 
 def test_reference_gain_and_scale_of_time_stand_in_the_data_set(tmp_path):
-    bench = Bench(tmp_path, 2, seconds=9.0).record(load(1.2, factor=0.5))
+    bench = Bench(tmp_path, 2, seconds=9.0).record(torque_of(1.2, 0.3, 0.4, 0.02, times=0.5))
     sessions = [f"run{k}.csv={'new' if k == 2 else 'old'}" for k in range(3)]
     options = [word for one in sessions for word in ("--session", one)]
     notes = bench.accept("--torque-gain", "j1=2,j2=2", "--reference", "old", *options)
@@ -116,5 +96,5 @@ def test_a_lone_recording_is_cut_where_both_parts_move(tmp_path):
 
 
 def test_a_recording_that_is_too_short_says_how_long_it_must_be(tmp_path):
-    bench = Bench(tmp_path, 1, seconds=3.0, runs=1).record(load(1.2))
+    bench = Bench(tmp_path, 1, seconds=3.0, runs=1).record(LOAD)
     assert re.search(r"run0\.csv: 3 s are too short to be cut .* record 13 s or more", bench.refuse())

@@ -1,26 +1,27 @@
 """Recordings in the layouts that recorders write: the signals come out as they went in."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from hostile.bags import write_states
+from rosbags.rosbag2 import StoragePlugin
+from urdf_texts import Joint, describe_robot
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.checking.own_code import make_batch
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.starters.columns import find_groups, find_time
 from wearscope.starters.conversion import convert_recordings
 from wearscope.starters.dataset import write_dataset
 from wearscope.starters.held import find_hold
 from wearscope.starters.mapped import Mapped
 from wearscope.starters.recordings import read_recording
-from wearscope.starters.stamps import find_rate, find_restarts, order_rows, to_seconds
+from wearscope.starters.stamps import find_rate, order_rows, to_seconds
 
 URDF = Path(__file__).parents[2] / "config" / "robots" / "medium" / "robot.urdf"
 JOINTS = [f"axis_{k}" for k in range(1, 7)]
@@ -71,13 +72,12 @@ def assert_same(converted, truth, rows=slice(0, 300), rtol=1e-9, atol=1e-9):
 
 
 def table(truth, time, position, torque, q=1.0, tau=1.0, first=1):
+    """A recording's columns, in other units where `q` and `tau` are no 1."""
     t, positions, _, torques = truth
-    columns = {time: t}
-    for k in range(6):
-        columns[position.format(k + first)] = positions[:, k] * q
-    for k in range(6):
-        columns[torque.format(k + first)] = torques[:, k] * tau
-    return pd.DataFrame(columns)
+    signals = ((position, positions * q), (torque, torques * tau))
+    return pd.DataFrame(
+        {time: t} | {name.format(k + first): x[:, k] for name, x in signals for k in range(6)}
+    )
 
 
 LAYOUTS = {
@@ -111,68 +111,54 @@ def test_columns_of_any_naming(layout, truth, tmp_path):
     ("separator", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("|", "."), (" ", ".")]
 )
 def test_any_separator(separator, decimal, truth, tmp_path):
-    table(truth, "t", "q{}", "tau{}").to_csv(
-        tmp_path / "log.csv", index=False, sep=separator, decimal=decimal
-    )
-    assert_same(convert(tmp_path / "log.csv"), truth)
+    file = tmp_path / "log.csv"
+    table(truth, "t", "q{}", "tau{}").to_csv(file, index=False, sep=separator, decimal=decimal)
+    assert_same(convert(file), truth)
 
 
-CLOCKS = [
-    (1e3, 0.0, "ms"),
-    (1e6, 0.0, "us"),
-    (1e9, 1_716_190_000e9, "ns"),
-    (1.0, 1_716_190_000.0, "s"),
-    (1e3, 1_716_190_000e3, "ms"),
-]
+CLOCKS = {
+    "ms": lambda t: 1e3 * t,
+    "us": lambda t: np.round(1e6 * t),
+    "ns since 1970": lambda t: np.round(1e9 * t).astype("int64") + 1_716_190_000 * 10**9,
+    "s since 1970": lambda t: t + 1_716_190_000.0,
+    "ms since 1970": lambda t: 1e3 * t + 1_716_190_000e3,
+    "dates": lambda t: pd.Timestamp("2024-05-20T08:00:00Z") + pd.to_timedelta(t, unit="s"),
+}
 
 
-@pytest.mark.parametrize(("factor", "origin", "unit"), CLOCKS)
-def test_clocks_of_any_unit_and_origin(factor, origin, unit, truth, tmp_path):
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_clocks_of_any_unit_and_origin(clock, truth, tmp_path):
     frame = table(truth, "time", "q{}", "tau{}")
-    stamps = np.round(frame["time"] * factor) if unit in ("us", "ns") else frame["time"] * factor
-    frame["time"] = stamps.astype("int64") + int(origin) if unit == "ns" else stamps + origin
-    converted = convert(log(tmp_path, frame))
+    converted = convert(log(tmp_path, frame.assign(time=CLOCKS[clock](frame["time"]))))
     assert_same(converted, truth)
-    assert any("epoch" in note for note in converted.notes) == (origin > 0.0)
-
-
-def test_dates(truth, tmp_path):
-    frame = table(truth, "time", "q{}", "tau{}")
-    frame["time"] = pd.Timestamp("2024-05-20T08:00:00Z") + pd.to_timedelta(frame["time"], unit="s")
-    assert_same(convert(log(tmp_path, frame)), truth)
+    assert any("epoch" in note for note in converted.notes) == ("since 1970" in clock)
 
 
 def test_motor_side_currents_and_signed_gears(truth, tmp_path):
-    t, q, qd, tau = truth
     constant, gear = 0.2, np.array(GEAR)
-    frame = pd.DataFrame({"t": t})
-    for k in range(6):
-        frame[f"motor_pos_{k}"], frame[f"motor_vel_{k}"] = q[:, k] * gear[k], qd[:, k] * gear[k]
-        frame[f"actual_current_{k} [mA]"] = tau[:, k] / gear[k] / constant * 1e3
-    frame.to_csv(tmp_path / "log.csv", index=False)
+    signals = ("t", "motor_pos_{}", "actual_current_{} [mA]")
+    frame = table(truth, *signals, q=gear, tau=1e3 / gear / constant, first=0)
+    file = log(tmp_path, frame.assign(**{f"motor_vel_{k}": truth[2][:, k] * gear[k] for k in range(6)}))
     with pytest.raises(InputError, match="give --torque-constant"):
-        convert(tmp_path / "log.csv", side="motor", gear_ratio=GEAR)
+        convert(file, side="motor", gear_ratio=GEAR)
     with pytest.raises(InputError, match="give --gear-ratio"):
-        convert(tmp_path / "log.csv", side="motor", torque_constant=[constant])
-    converted = convert(tmp_path / "log.csv", side="motor", gear_ratio=GEAR, torque_constant=[constant])
+        convert(file, side="motor", torque_constant=[constant])
+    converted = convert(file, side="motor", gear_ratio=GEAR, torque_constant=[constant])
     assert_same(converted, truth, rtol=1e-7)
-    np.testing.assert_allclose(whole(converted)["qd_axis_3"][:300], qd[:300, 2], atol=1e-9)
+    np.testing.assert_allclose(whole(converted)["qd_axis_3"][:300], truth[2][:300, 2], atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "gear"), [("motor{}_pos", GEAR), ("q_motor_{}", [9.0] * 6)])
 def test_angles_named_as_a_motors_are_no_degrees_without_a_word(truth, tmp_path, name, gear):
-    t, q, _, tau = truth
-    frame = pd.DataFrame({"t": t})
-    for k in range(6):
-        frame[name.format(k)], frame[f"tau_{k}"] = 3.0 * q[:, k] * gear[k], tau[:, k]
-    frame.to_csv(tmp_path / "log.csv", index=False)
+    q = 3.0 * truth[1][:300, 0]
+    file = log(tmp_path, table(truth, "t", name, "tau_{}", q=3.0 * np.array(gear), first=0))
     with pytest.raises(InputError, match="named as a motor's; give --side motor and --gear-ratio"):
-        convert(tmp_path / "log.csv")
-    taken = convert(tmp_path / "log.csv", side="motor", gear_ratio=gear)
-    np.testing.assert_allclose(whole(taken)["q_axis_1"][:300], 3.0 * q[:300, 0], rtol=1e-7)
-    taken = convert(tmp_path / "log.csv", position_units=["deg"])
-    want = np.radians(3.0 * q[:300, 0] * gear[0])
-    np.testing.assert_allclose(whole(taken)["q_axis_1"][:300], want, rtol=1e-7)
+        convert(file)
+    for want, options in (
+        (q, {"side": "motor", "gear_ratio": gear}),
+        (np.radians(q * gear[0]), {"position_units": ["deg"]}),
+    ):
+        np.testing.assert_allclose(whole(convert(file, **options))["q_axis_1"][:300], want, rtol=1e-7)
 
 
 def test_measured_values_before_commanded_ones(truth, tmp_path):
@@ -210,27 +196,11 @@ def test_joint_states_go_by_the_names_next_to_them(truth, tmp_path, lists):
 
 @pytest.mark.parametrize("stated", [{}, {"position": "m[*].q", "torque": "m[*].tauEst", "velocity": "none"}])
 def test_a_part_of_the_joints_has_the_numbers_that_it_has_among_all(truth, tmp_path, stated):
-    t, q, _, tau = truth
-    frame = pd.DataFrame({"tick": np.arange(len(t)) * 4})
-    for k in range(6):
-        frame[f"m[{k}].q"], frame[f"m[{k}].tauEst"] = q[:, k], tau[:, k]
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    read = whole(convert(tmp_path / "log.csv", joints=["axis_5", "axis_2"], patterns=stated))
+    frame = table(truth, "tick", "m[{}].q", "m[{}].tauEst", first=0).assign(tick=np.arange(SHORT) * 4)
+    read = whole(convert(log(tmp_path, frame), joints=["axis_5", "axis_2"], patterns=stated))
     for j in (4, 1):
-        np.testing.assert_allclose(read[f"q_axis_{j + 1}"][:300], q[:300, j], atol=1e-9)
-        np.testing.assert_allclose(read[f"tau_axis_{j + 1}"][:300], tau[:300, j], atol=1e-9)
-
-
-def test_what_is_fed_back_is_measured_and_a_reference_is_not():
-    columns = [f"{one}_joint_{k}" for one in ("ref", "fdb") for k in (1, 2)]
-    assert find_groups(columns, ["joint_1", "joint_2"], "position")[0].columns == (
-        "fdb_joint_1",
-        "fdb_joint_2",
-    )
-
-
-def test_seconds_and_nanoseconds_of_a_german_recorder():
-    assert find_time(["ZeitInSec", "ZeitInNanoSec", "q"]) == ("ZeitInSec", "ZeitInNanoSec")
+        np.testing.assert_allclose(read[f"q_axis_{j + 1}"][:300], truth[1][:300, j], atol=1e-9)
+        np.testing.assert_allclose(read[f"tau_axis_{j + 1}"][:300], truth[3][:300, j], atol=1e-9)
 
 
 def hold(x, rows, first=0):
@@ -284,12 +254,17 @@ def test_columns_that_are_written_by_turns_are_brought_together(truth, tmp_path)
 
 
 def test_patterns_name_what_cannot_be_told(truth, tmp_path):
-    table(truth, "t", "x{}", "y{}").to_csv(tmp_path / "log.csv", index=False)
-    with pytest.raises(InputError, match="--position 'NAME_"):
-        convert(tmp_path / "log.csv")
-    assert_same(convert(tmp_path / "log.csv", patterns={"position": "x*", "torque": "y*"}), truth)
-    with pytest.raises(InputError, match="--position z\\*: names no column"):
-        convert(tmp_path / "log.csv", patterns={"position": "z*", "torque": "y*"})
+    file = log(tmp_path, table(truth, "t", "x{}", "y{}"))
+    assert_same(convert(file, patterns={"position": "x*", "torque": "y*"}), truth)
+    for patterns, told in (
+        ({}, "--position 'NAME_"),
+        ({"position": "z*", "torque": "y*"}, "--position z\\*: names no column"),
+        ({"position": "x*", "torque": "x*"}, "column 'x1' is taken for two things"),
+    ):
+        with pytest.raises(InputError, match=told):
+            convert(file, patterns=patterns)
+    with pytest.raises(InputError, match="--joints names a joint twice"):
+        convert(file, joints=JOINTS[:1] * 2)
 
 
 def test_lost_repeated_unordered_and_empty_rows(truth, tmp_path):
@@ -299,8 +274,8 @@ def test_lost_repeated_unordered_and_empty_rows(truth, tmp_path):
     frame = pd.concat([frame.loc[:300], frame.loc[[300]], frame.loc[301:]])
     order = np.arange(len(frame))
     order[[150, 151]] = order[[151, 150]]
-    frame.iloc[order].to_csv(tmp_path / "log.csv", index=False)
-    converted = convert(tmp_path / "log.csv")
+    converted = convert(log(tmp_path, frame.iloc[order]))
+    assert [run.name for run in converted.runs] == ["log_first", "log_last"]
     kept = np.delete(np.arange(SHORT), [50, 51, 120, 200])
     assert_same(converted, [one[kept] for one in truth])
     told = " ".join(converted.notes)
@@ -330,43 +305,33 @@ def test_stamps_of_seconds_and_nanoseconds_with_an_empty_row(tmp_path, truth):
     frame.insert(0, "header.stamp.sec", (stamps // 10**9).astype(float))
     frame.insert(1, "header.stamp.nanosec", (stamps % 10**9).astype(float))
     frame.loc[2000, "header.stamp.nanosec"] = np.nan
-    frame.to_csv(tmp_path / "a.csv", index=False)
-    assert_same(convert(tmp_path / "a.csv"), truth)
+    assert_same(convert(log(tmp_path, frame)), truth)
 
 
-def test_backward_clocks_and_constant_ones_get_one_sentence(tmp_path, truth):
+@pytest.mark.parametrize(
+    ("change", "unit", "told"),
+    [
+        (lambda t: t[::-1], {"time_unit": "s"}, "runs backwards at 2999 rows, first at row 1"),
+        (np.ones_like, {}, "does not increase"),
+        (lambda t: t > 0.0, {}, "t': holds truth values, no times"),
+    ],
+)
+def test_clocks_that_are_none_get_one_sentence(tmp_path, truth, change, unit, told):
     frame = table(truth, "t", "q{}", "tau{}")
-    frame["t"] = frame["t"].to_numpy()[::-1]
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    with pytest.raises(InputError, match="runs backwards at 2999 rows, first at row 1"):
-        convert(tmp_path / "log.csv", time_unit="s")
-    frame["t"] = 1.0
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    with pytest.raises(InputError, match="does not increase"):
-        convert(tmp_path / "log.csv")
+    with pytest.raises(InputError, match=told):
+        convert(log(tmp_path, frame.assign(t=change(truth[0]))), **unit)
 
 
 def write_bag(folder, batch, plugin, rows, apart=False):
     """Joint states in the order that a driver happens to have, as one message or one a joint."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, time = (
-        store.types[name]
-        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    order = [2, 0, 1, 5, 4, 3]
-    with Writer(folder, version=8, storage_plugin=plugin) as writer:
-        link = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
-        for row in range(rows):
-            stamp = 1_716_190_000_000_000_000 + round(batch.t[row] * 1e9)
-            for part in [[k] for k in order] if apart else [order]:
-                message = state(
-                    header=header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id=""),
-                    name=[JOINTS[k] for k in part],
-                    position=batch.q[row, part],
-                    velocity=batch.qd[row, part],
-                    effort=batch.tau[row, part],
-                )
-                writer.write(link, stamp, store.serialize_cdr(message, state.__msgtype__))
+    order, messages = [2, 0, 1, 5, 4, 3], []
+    for row in range(rows):
+        stamp = 1_716_190_000_000_000_000 + round(batch.t[row] * 1e9)
+        for part in [[k] for k in order] if apart else [order]:
+            signals = {"position": batch.q, "velocity": batch.qd, "effort": batch.tau}
+            fields = {kind: x[row, part] for kind, x in signals.items()}
+            messages.append((stamp, stamp, fields | {"name": [JOINTS[k] for k in part]}))
+    write_states(folder, messages, plugin)
     return folder
 
 
@@ -383,25 +348,26 @@ def test_joint_states_of_ros_2(plugin, apart, batches, tmp_path):
         convert(path, topic="/other")
 
 
-def test_a_bag_without_its_reader_gets_the_command_that_installs_it(tmp_path, monkeypatch):
-    (tmp_path / "x.mcap").write_bytes(b"")
+def test_a_bag_that_is_none_and_a_bag_without_its_reader_get_one_sentence(tmp_path, monkeypatch):
+    (tmp_path / "x.mcap").write_bytes(b"nothing of the kind")
+    with pytest.raises(InputError, match=r"x\.mcap: cannot be read as a ROS 2 bag"):
+        convert(tmp_path / "x.mcap")
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(InputError, match=r"wearscope\[ros\]"):
         read_recording(tmp_path / "x.mcap")
 
 
-def test_a_bag_that_is_none_gets_one_sentence(tmp_path):
-    (tmp_path / "x.mcap").write_bytes(b"nothing of the kind")
-    with pytest.raises(InputError, match=r"x\.mcap: cannot be read as a ROS 2 bag"):
-        convert(tmp_path / "x.mcap")
+def log_all(folder, batches, rows=None):
+    """Recordings of the batches as CSV, and their names."""
+    files = [folder / f"{name}.csv" for name in "abcd"[: len(batches)]]
+    for file, one in zip(files, batches, strict=True):
+        parts = [x[:rows] for x in (one.t, one.q, one.qd, one.tau)]
+        table(parts, "t", "q{}", "tau{}").to_csv(file, index=False)
+    return files
 
 
 def test_the_last_recording_is_the_test_or_the_one_that_is_named(batches, tmp_path):
-    files = []
-    for name, batch in zip("abc", batches, strict=True):
-        rows = (batch.t[:SHORT], batch.q[:SHORT], batch.qd[:SHORT], batch.tau[:SHORT])
-        table(rows, "t", "q{}", "tau{}").to_csv(tmp_path / f"{name}.csv", index=False)
-        files.append(tmp_path / f"{name}.csv")
+    files = log_all(tmp_path, batches, SHORT)
     uses = lambda **mapped: [run.use for run in convert_recordings(files, URDF, Mapped(**mapped)).runs]  # noqa: E731
     assert uses() == ["train", "train", "test"]
     assert uses(test=["a.csv"]) == ["test", "train", "train"]
@@ -411,63 +377,44 @@ def test_the_last_recording_is_the_test_or_the_one_that_is_named(batches, tmp_pa
 
 def test_what_is_written_passes_the_check(batches, tmp_path):
     """Joint by joint too: a coarse encoder's joints at rest are no fault."""
-    model = load_model("medium").replace(payload=None)
-    files = []
-    for k, batch in enumerate([*batches, make_batch(model, "axis_sweeps", 0.0, 9)]):
-        q = np.round(batch.q, 4)
-        table((batch.t, q, batch.qd, batch.tau), "t", "q{}", "tau{}").to_csv(
-            tmp_path / f"{k}.csv", index=False
-        )
-        files.append(tmp_path / f"{k}.csv")
+    sweeps = make_batch(load_model("medium").replace(payload=None), "axis_sweeps", 0.0, 9)
+    coarse = [replace(one, q=np.round(one.q, 4)) for one in [*batches, sweeps]]
     mapped = Mapped()
-    converted = convert_recordings(files, URDF, mapped)
+    converted = convert_recordings(log_all(tmp_path, coarse), URDF, mapped)
     (tmp_path / "arm").mkdir()
     write_dataset(tmp_path / "arm", "arm", URDF, converted, mapped)
-    found = check_dataset(tmp_path / "arm")
-    assert found.problems == []
+    assert check_dataset(tmp_path / "arm").problems == []
     assert "axis_1" in (tmp_path / "arm" / "dataset.yaml").read_text()
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [("", "is empty"), ("\n\n", "is empty"), ("t,q\n", "is a single line")]
-)
-def test_a_recording_of_nothing_is_refused(tmp_path, text, told):
-    path = tmp_path / "monday.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match=rf"monday\.csv: {told}, and a recording has .*; record it again"):
-        convert(path)
-
-
-def test_a_recording_of_one_whole_row_is_refused(tmp_path):
+    ("text", "told"),
+    [
+        ("", "is empty, and a recording has"),
+        ("\n\n", "is empty, and a recording has"),
+        ("t,q\n", "is a single line, and a recording has"),
+        ("t,q1,tau1\n0,0.1,abc\n0.01,0.2,1\n",
+         r"one row alone is whole, of 2 \(column 'tau1' has no number in 1\),"),
+    ],
+)  # fmt: skip
+def test_a_recording_of_nothing_or_one_row_is_refused(tmp_path, text, told):
     """One row has no step of time, from which a rate would be taken."""
     path = tmp_path / "monday.csv"
-    path.write_text("t,q1,tau1\n0,0.1,abc\n0.01,0.2,1\n")
-    told = (
-        r"monday\.csv: one row alone is whole, of 2 \(column 'tau1' has no number in 1\), .*; record it again"
-    )
-    with pytest.raises(InputError, match=told):
-        convert_recordings([path], URDF, Mapped(joints=JOINTS[:1]))
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"monday\.csv: {told} .*; record it again"):
+        convert(path, joints=JOINTS[:1])
 
 
 def test_radians_stated_as_degrees_are_noted(tmp_path, truth):
-    t, q, _, tau = truth
-    columns = {"t": t} | {f"q_{j}": q[:, k] for k, j in enumerate(JOINTS)}
-    columns |= {f"tau_{j}": tau[:, k] for k, j in enumerate(JOINTS)}
-    path = tmp_path / "monday.csv"
-    pd.DataFrame(columns).to_csv(path, index=False)
+    path = log(tmp_path, table(truth, "t", "q_axis_{}", "tau_axis_{}"))
     told = "read as deg, as stated, though none exceeds"
     assert any(told in note for note in convert(path, position_units=["deg"]).notes)
     assert not any(told in note for note in convert(path, position_units=["rad"]).notes)
 
 
-MIXED = """<robot name="m"><link name="a"/><link name="b"><inertial><mass value="2"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="c"><inertial><mass value="2"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="no" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
-<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
-<joint name="2" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
-<limit lower="0" upper="0.4" effort="9" velocity="9"/></joint></robot>"""
+MIXED = describe_robot(
+    Joint("no", "0 0 1", 2, limits="-3 3 9 9"), Joint("2", "1 0 0", 2, kind="prismatic", limits="0 0.4 9 9")
+)
 
 
 def mixed(folder, names, *factors, whole=False, **mapped):
@@ -506,8 +453,8 @@ def test_counters_that_begin_again_are_unwrapped(tmp_path):
         InputError, match=r"whole numbers of up to 409\d, as counts .* give --counts-per-turn"
     ):
         mixed(tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True)
-    counts = {"counts_per_turn": [turns, metre]}
-    q, read, _ = mixed(tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True, **counts)
+    given = tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre
+    q, read, _ = mixed(*given, whole=True, counts_per_turn=[turns, metre])
     np.testing.assert_allclose(read - read[0], q - q[0], atol=1.1e-4)
 
 
@@ -555,31 +502,16 @@ def test_a_count_of_rows_is_no_clock():
 
 @pytest.mark.parametrize(("option", "factor"), [((), 1.0), ((0.001,), 0.001)])
 def test_torques_in_another_unit_take_its_size(truth, tmp_path, option, factor):
-    assert_same(
-        convert(log(tmp_path, table(truth, "t", "q{}", "tau{}", tau=1.0 / factor)), torque_constant=option),
-        truth,
-    )
+    frame = table(truth, "t", "q{}", "tau{}", tau=1.0 / factor)
+    assert_same(convert(log(tmp_path, frame), torque_constant=option), truth)
 
 
 def test_velocities_may_be_left_out(truth, tmp_path):
     frame = table(truth, "t", "q{}", "tau{}")
     frame[[f"qd{k + 1}" for k in range(6)]] = 100.0 * truth[2]
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    assert "qd_axis_1" in whole(convert(tmp_path / "log.csv"))
-    assert "qd_axis_1" not in whole(convert(tmp_path / "log.csv", patterns={"velocity": "none"}))
-
-
-def test_truth_values_are_no_time():
-    with pytest.raises(InputError, match="t: holds truth values, no times"):
-        to_seconds(pd.Series([True, False]), "t")
-
-
-def test_what_is_named_twice_is_told(truth, tmp_path):
-    table(truth, "t", "q{}", "tau{}").to_csv(tmp_path / "log.csv", index=False)
-    with pytest.raises(InputError, match="column 'q1' is taken for two things"):
-        convert(tmp_path / "log.csv", patterns={"torque": "q*"})
-    with pytest.raises(InputError, match="--joints names a joint twice"):
-        convert_recordings([tmp_path / "log.csv"], URDF, Mapped(joints=JOINTS[:1] * 2))
+    file = log(tmp_path, frame)
+    assert "qd_axis_1" in whole(convert(file))
+    assert "qd_axis_1" not in whole(convert(file, patterns={"velocity": "none"}))
 
 
 @pytest.mark.parametrize("stamp", ["seconds", "dates"])
@@ -601,12 +533,3 @@ def test_a_file_whose_clock_restarts_holds_several_recordings(truth, tmp_path, s
     files, mapped = [tmp_path / "other.csv", tmp_path / "log.csv"], Mapped(joints=JOINTS, test=["log.csv"])
     uses = [run.use for run in convert_recordings(files, URDF, mapped).runs]
     assert uses == ["train", "test", "test", "test"]
-
-
-def test_rows_out_of_order_are_no_other_recording(truth, tmp_path):
-    one = table(truth, "time", "q_axis_{}", "tau_axis_{}")
-    order = np.arange(len(one))
-    order[[400, 401]] = [401, 400]
-    one.iloc[order].to_csv(tmp_path / "log.csv", index=False)
-    assert find_restarts(one["time"].iloc[order]) == []
-    assert any("out of order were sorted" in note for note in convert(tmp_path / "log.csv").notes)

@@ -1,7 +1,6 @@
 """Servo columns and LeRobot data sets as they come, converted."""
 
 import json
-import os
 import shutil
 from pathlib import Path
 
@@ -12,6 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from click.testing import CliRunner
+from folders import find_real
+from urdf_texts import Joint, describe_robot
 
 from wearscope import limits
 from wearscope.cli.main import wearscope
@@ -26,21 +27,11 @@ from wearscope.starters.mapped import Mapped
 from wearscope.starters.servos import PRESETS, read_servo_option
 from wearscope.storage.tables import check_unpacked
 
-LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="10"/>'
-INERTIA = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
-
 
 def write_urdf(folder, joints):
-    links = "".join(
-        f'<link name="link_{j}"><inertial><mass value="0.4"/>{INERTIA}</inertial></link>' for j in joints
-    )
-    parents = ["base", *(f"link_{j}" for j in joints)]
-    turns = "".join(
-        f'<joint name="{j}" type="revolute"><parent link="{p}"/><child link="link_{j}"/>{LIMIT}</joint>'
-        for j, p in zip(joints, parents, strict=False)
-    )
     path = folder / "robot.urdf"
-    path.write_text(f'<robot name="arm"><link name="base"/>{links}{turns}</robot>')
+    turns = [Joint(one, "1 0 0", 0.4, moments="1e-4 1e-4 1e-4", limits="-3 3 1 10") for one in joints]
+    path.write_text(describe_robot(*turns))
     return path
 
 
@@ -227,24 +218,24 @@ def test_a_damaged_lerobot_data_set_gets_one_sentence(tmp_path, monkeypatch):
         convert_recordings([tmp_path / "set"], urdf, Mapped())
 
 
-DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[3] / "shared" / "data"))
-PENDULUM = """<robot name="pendulum"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.1"/>
-<mass value="0.49"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="arm" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 -1 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="15"/></joint></robot>"""
+PENDULUM = describe_robot(Joint("arm", "0 -1 0", 0.49, "0 0 -0.1", "1e-4 1e-4 1e-4", limits="-3 3 1 15"))
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    """The pendulum's."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    return path
 
 
 @pytest.mark.slow
-def test_a_real_servo_from_its_own_columns(tmp_path):
+def test_a_real_servo_from_its_own_columns(tmp_path, urdf):
     """Signs and gains of the XL330's runs, and what opposes its speed, known to 0.038 to 0.046 N m s/rad."""
-    files = sorted((DATA / "servo_xl330").glob("*_and_down*.csv")) + sorted(
-        (DATA / "servo_xl330").glob("sin*.csv")
-    )
+    files = [
+        one for kind in ("*_and_down*.csv", "sin*.csv") for one in sorted(find_real("servo_xl330").glob(kind))
+    ]
     files = [file for file in files if not file.name.startswith("lift")]
-    if not files:
-        pytest.skip("needs servo_xl330 in WEARSCOPE_DATA or ../shared/data")
-    urdf = tmp_path / "pendulum.urdf"
-    urdf.write_text(PENDULUM)
     made = tmp_path / "made"
     made.mkdir()
     mapped = Mapped(servo=read_servo_option("xl330"))
@@ -273,12 +264,8 @@ def test_a_real_servo_from_its_own_columns(tmp_path):
 
 
 @pytest.mark.slow
-def test_all_recordings_of_a_real_servo_have_the_documented_answer(tmp_path):
-    files = sorted((DATA / "servo_xl330").glob("*.csv"))
-    if not files:
-        pytest.skip("needs servo_xl330 in WEARSCOPE_DATA or ../shared/data")
-    urdf = tmp_path / "pendulum.urdf"
-    urdf.write_text(PENDULUM)
+def test_all_recordings_of_a_real_servo_have_the_documented_answer(tmp_path, urdf):
+    files = sorted(find_real("servo_xl330").glob("*.csv"))
     options = ["--urdf", str(urdf), "--servo", "xl330", "--name", "servo", "--in", str(tmp_path)]
     options += ["--test", "sin_sin_kp200.csv", "--test", "up_and_down_kp400.csv"]
     done = CliRunner().invoke(wearscope, ["new", "dataset", *map(str, files), *options])
@@ -292,10 +279,8 @@ def test_all_recordings_of_a_real_servo_have_the_documented_answer(tmp_path):
     assert max(after for _, after in verdict["joints"]["arm"]["relative_error_percent"].values()) < 11.0
 
 
-def test_registers_of_a_servo_are_brought_to_its_units(tmp_path):
+def test_registers_of_a_servo_are_brought_to_its_units(tmp_path, urdf):
     """Counts from the middle of the turn, tenths of a volt: as if they had been recorded in rad and V."""
-    urdf = tmp_path / "pendulum.urdf"
-    urdf.write_text(PENDULUM)
     t = np.arange(0.0, 12.0, 0.01)
     q = 0.8 * np.sin(t)
     counts = np.round(2048 + q * 4096 / (2 * np.pi))

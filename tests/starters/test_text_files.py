@@ -1,12 +1,14 @@
 """Text as recorders write it: what stands around the numbers, names, units and shares of a rated torque."""
 
 import gzip
+import re
 import zipfile
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
+from urdf_texts import Joint, describe_robot
 
 from wearscope.errors import InputError
 from wearscope.starters.columns import find_groups, find_time, match_pattern
@@ -20,22 +22,32 @@ T = np.arange(0.0, 14.0, 0.01)
 Q = np.column_stack([0.4 * np.sin(T), 0.3 * np.cos(2.0 * T)])
 TAU = np.column_stack([3.0 * np.sin(T) + 0.25, 2.0 * np.cos(T)])
 NAMES = ["time", "q_1", "q_2", "tau_1", "tau_2"]
-LINK = (
-    '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial></link>"
-)
-URDF = f"""<robot name="r"><link name="b"/>
-{LINK.format("x")}{LINK.format("y")}
-<joint name="left_axis" type="revolute"><parent link="b"/><child link="x"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
-<joint name="right_axis" type="revolute"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="9" velocity="9"/></joint></robot>"""
+URDF = describe_robot(*(Joint(f"{side}_axis", "0 1 0", limits="-3 3 9 9") for side in ("left", "right")))
+
+
+def table():
+    return pd.DataFrame(np.column_stack([T, Q, TAU]), columns=NAMES)
 
 
 def rows(separator=",", point="."):
-    table = np.column_stack([T, Q, TAU])
-    lines = [separator.join(f"{one:.9g}" for one in row) for row in table]
-    return "\n".join(line.replace(".", point) for line in lines) + "\n"
+    text = table().to_csv(index=False, header=False, sep=separator, float_format="%.9g")
+    return text.replace(".", point)
+
+
+def assert_same(made, **truth):
+    """Whether the first 400 rows of a conversion are as recorded."""
+    for k, joint in enumerate(("left_axis", "right_axis")):
+        for one, x in ({"q": Q, "tau": TAU} | truth).items():
+            np.testing.assert_allclose(made.runs[0].frame[f"{one}_{joint}"][:400], x[:400, k], atol=1e-6)
+
+
+def convert(folder, *files, **mapped):
+    (folder / "robot.urdf").write_text(URDF)
+    return convert_recordings(files or [folder / "a.csv"], folder / "robot.urdf", Mapped(**mapped))
+
+
+def log(folder, names, *columns):
+    np.savetxt(folder / "a.csv", np.column_stack(columns), "%.9g", ",", header=",".join(names), comments="")
 
 
 HEADER = ",".join(NAMES) + "\n"
@@ -46,18 +58,11 @@ WRAPPED = {
     "byte-order mark": (HEADER, rows(), "utf-8-sig"),
     "two bytes a letter": (HEADER, rows(), "utf-16"),
     "sums below": (HEADER, rows() + "Mean,0,0,1.5,2\n", "utf-8"),
-    "decimal commas, sums below": (
-        HEADER.replace(",", ";"),
-        rows(";", ",") + "Mittelwert;0,5;0,5;1,5;2\n",
-        "utf-8",
-    ),
+    "decimal commas": (HEADER.replace(",", ";"), rows(";", ",") + "Mittelwert;0,5;0,5;1,5;2\n", "utf-8"),
     "a separator at each line's end": (HEADER, rows().replace("\n", ",\n"), "utf-8"),
     "a column twice": (
         HEADER.replace("q_1", "q_1,q_1"),
-        "".join(
-            ",".join([line.split(",")[0], line.split(",")[1], *line.split(",")[1:]]) + "\n"
-            for line in rows().splitlines()
-        ),
+        re.sub(r"(?m)^([^,]*),([^,]*)", r"\1,\2,\2", rows()),
         "utf-8",
     ),
 }
@@ -70,10 +75,6 @@ def test_what_stands_around_the_numbers_is_left_out(kind, tmp_path):
     frame, _ = read_recording(tmp_path / "a.csv")
     got = frame[NAMES].apply(pd.to_numeric, errors="coerce").dropna().to_numpy()[: len(T)]
     np.testing.assert_allclose(got, np.column_stack([T, Q, TAU]), rtol=1e-7, atol=1e-12)
-
-
-def table():
-    return pd.DataFrame(np.column_stack([T, Q, TAU]), columns=NAMES)
 
 
 def by_row(key, names, values=("position", "torque"), sort="time"):
@@ -130,11 +131,10 @@ TABLES = {
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_tables_of_other_forms_are_the_same_recording(kind, tmp_path):
-    (tmp_path / "r.urdf").write_text(URDF)
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     for file in files:
         file.write_text(TABLES[kind])
-    made = convert_recordings(files, tmp_path / "r.urdf", Mapped())
+    made = convert(tmp_path, *files)
     frame = made.runs[0].frame
     t = frame["t"].to_numpy()
     assert len(frame) == len(T) and np.allclose(t - t[0], T, atol=1e-5)
@@ -208,11 +208,7 @@ def test_lists_in_json_are_columns(lines, tmp_path):
     whole = pd.DataFrame({"ts": T, "joint_positions": Q.tolist(), "joint_torques": TAU.tolist()})
     file = tmp_path / ("a.jsonl" if lines else "a.json")
     whole.to_json(file, orient="records", lines=lines, double_precision=12)
-    (tmp_path / "robot.urdf").write_text(URDF)
-    made = convert_recordings([file], tmp_path / "robot.urdf", Mapped()).runs[0].frame
-    for k, joint in enumerate(("left_axis", "right_axis")):
-        np.testing.assert_allclose(made[f"q_{joint}"][:400], Q[:400, k], atol=1e-7)
-        np.testing.assert_allclose(made[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-7)
+    assert_same(convert(tmp_path, file))
 
 
 def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
@@ -263,12 +259,11 @@ def test_what_changes_now_and_then_is_no_joint(tmp_path, other):
 
 
 def test_cells_that_are_no_numbers_are_told_not_left_out(tmp_path):
-    (tmp_path / "r.urdf").write_text(URDF)
     frame = table().astype({"q_2": object})
     frame.loc[::7, "q_2"] = "1.2.3"
     frame.to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(InputError, match=r"column 'q_2' has cells that are no numbers, such as '1\.2\.3'"):
-        convert_recordings([tmp_path / "a.csv"], tmp_path / "r.urdf", Mapped())
+        convert(tmp_path)
 
 
 def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):
@@ -280,8 +275,7 @@ def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):
 
 
 def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
-    table = pd.DataFrame(np.column_stack([T, Q, TAU]), columns=["time", "q_1", "q_1", "tau_1", "tau_2"])
-    table.to_csv(tmp_path / "a.csv", index=False)
+    log(tmp_path, ["time", "q_1", "q_1", "tau_1", "tau_2"], T, Q, TAU)
     with pytest.raises(InputError, match="'q_1' stands twice"):
         read_recording(tmp_path / "a.csv")
 
@@ -313,6 +307,7 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
         (["motor_iq_1", "motor_iq_2"], "current", "motor_iq_1"),
         (["qd1", "qd2", "dq1", "dq2"], "velocity", "dq1"),
         (["qd1", "qd2"], "velocity", "qd1"),
+        (["ref_joint_1", "ref_joint_2", "fdb_joint_1", "fdb_joint_2"], "position", "fdb_joint_1"),
     ],
 )  # fmt: skip
 def test_names_as_makers_write_them(columns, kind, first):
@@ -332,6 +327,7 @@ def test_letters_are_those_of_the_joints_names():
     [
         (["Sec", "NanoSec", "measured_q_A1"], ("Sec", "NanoSec")),
         (["header.stamp.sec", "header.stamp.nanosec", "q1"], ("header.stamp.sec", "header.stamp.nanosec")),
+        (["ZeitInSec", "ZeitInNanoSec", "q"], ("ZeitInSec", "ZeitInNanoSec")),
         (["seconds", "q1"], ("seconds",)),
         (["UTC", "q1"], ("UTC",)),
         (["vel_rad_per_sec_1", "q1"], ()),
@@ -363,38 +359,25 @@ def test_speeds_by_the_minute(name, factor):
 
 def test_a_row_of_units_is_obeyed(tmp_path):
     """Degrees, turns in a minute and thousandths of a rated torque, which needs that torque."""
-    (tmp_path / "robot.urdf").write_text(URDF)
     head = [f"Axis {k} Actual {kind}" for kind in ("Position", "Velocity", "Torque") for k in (1, 2)]
-    text = ";".join(["Time", *head]) + "\n" + "s;deg;deg;rpm;rpm;‰;‰\n"
-    v = np.column_stack([0.4 * np.cos(T), -0.6 * np.sin(2.0 * T)])
-    rated = np.array([5.0, 20.0])
-    table = np.column_stack([T, np.degrees(Q), v * 30.0 / np.pi, TAU / rated * 1e3])
-    text += "\n".join(";".join(f"{one:.9g}".replace(".", ",") for one in row) for row in table)
+    v, rated = np.column_stack([0.4 * np.cos(T), -0.6 * np.sin(2.0 * T)]), np.array([5.0, 20.0])
+    table = pd.DataFrame(np.column_stack([T, np.degrees(Q), v * 30.0 / np.pi, TAU / rated * 1e3]))
+    text = ";".join(["Time", *head]) + "\ns;deg;deg;rpm;rpm;‰;‰\n"
+    text += table.to_csv(index=False, header=False, sep=";", decimal=",", float_format="%.9g")
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(InputError, match="in ‰ of a rated torque; give --torque-constant"):
-        convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
-    mapped = Mapped(torque_constant=(rated / 1e3).tolist())
-    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", mapped).runs[0].frame
-    n = 400
-    for k, joint in enumerate(("left_axis", "right_axis")):
-        np.testing.assert_allclose(made[f"q_{joint}"][:n], Q[:n, k], atol=1e-7)
-        np.testing.assert_allclose(made[f"qd_{joint}"][:n], v[:n, k], atol=1e-7)
-        np.testing.assert_allclose(made[f"tau_{joint}"][:n], TAU[:n, k], atol=1e-6)
+        convert(tmp_path)
+    assert_same(convert(tmp_path, torque_constant=(rated / 1e3).tolist()), qd=v)
 
 
-@pytest.mark.parametrize("constant", [None, 1e-3])
-def test_a_torque_constant_is_for_one_unit_of_the_column_whose_name_says_a_unit(constant, tmp_path):
-    (tmp_path / "robot.urdf").write_text(URDF)
-    head = [f"{kind}_{k}{unit}" for kind, unit in (("q", ""), ("torque", "_mNm")) for k in (1, 2)]
-    table = np.column_stack([T, Q, 1e3 * TAU])
-    lines = [",".join(["t", *head]), *(",".join(f"{one:.9g}" for one in row) for row in table)]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    mapped = Mapped(torque_constant=[] if constant is None else [constant])
-    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", mapped)
-    told = "in mnm by their names" if constant is None else "times --torque-constant"
+@pytest.mark.parametrize(
+    ("constant", "told"), [((), "in mnm by their names"), ((1e-3,), "times --torque-constant")]
+)
+def test_a_torque_constant_is_for_one_unit_of_the_column_whose_name_says_a_unit(constant, told, tmp_path):
+    log(tmp_path, ["t", "q_1", "q_2", "torque_1_mNm", "torque_2_mNm"], T, Q, 1e3 * TAU)
+    made = convert(tmp_path, torque_constant=constant)
     assert any(told in one for one in made.notes)
-    for k, joint in enumerate(("left_axis", "right_axis")):
-        np.testing.assert_allclose(made.runs[0].frame[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-6)
+    assert_same(made)
 
 
 @pytest.mark.parametrize(
@@ -406,38 +389,34 @@ def test_a_torque_constant_is_for_one_unit_of_the_column_whose_name_says_a_unit(
     ],
 )
 def test_the_unit_of_a_torque_is_that_of_its_name_or_said_to_be_unknown(unit, factor, told, tmp_path):
-    (tmp_path / "robot.urdf").write_text(URDF)
     head = ["t", "Pos 1 [Grad]", "Pos 2 [Grad]", f"torque 1 {unit}", f"torque 2 {unit}"]
-    table = np.column_stack([T, np.rad2deg(Q), TAU / factor])
-    np.savetxt(tmp_path / "a.csv", table, "%.9g", ",", header=",".join(head), comments="")
-    made = convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
+    log(tmp_path, head, T, np.rad2deg(Q), TAU / factor)
+    made = convert(tmp_path)
     assert any(told in one for one in made.notes)
-    for k, joint in enumerate(("left_axis", "right_axis")):
-        np.testing.assert_allclose(made.runs[0].frame[f"q_{joint}"][:400], Q[:400, k], atol=1e-6)
-        np.testing.assert_allclose(made.runs[0].frame[f"tau_{joint}"][:400], TAU[:400, k], atol=1e-6)
+    assert_same(made)
 
 
 @pytest.mark.parametrize("unit", ["_pct", " [% rated]", " [%]"])
 def test_a_share_of_a_rated_torque_is_no_torque(unit, tmp_path):
-    (tmp_path / "robot.urdf").write_text(URDF)
-    head = ["t", "q1", "q2", f"torque1{unit}", f"torque2{unit}"]
-    table = np.column_stack([T, Q, TAU])
-    np.savetxt(tmp_path / "a.csv", table, "%.9g", ",", header=",".join(head), comments="")
+    log(tmp_path, ["t", "q1", "q2", f"torque1{unit}", f"torque2{unit}"], T, Q, TAU)
     with pytest.raises(InputError, match=r"of a rated torque; give --torque-constant.* by 100"):
-        convert_recordings([tmp_path / "a.csv"], tmp_path / "robot.urdf", Mapped())
+        convert(tmp_path)
 
 
-@pytest.mark.parametrize("end", ["\x0b", "\x0c", "\u0085", "\u2028"])
-def test_lines_that_no_table_ends_are_one_line(tmp_path, end):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        *(
+            (end.join(["t,q", *(f"{k},1" for k in range(99))]), "is a single line")
+            for end in "\v\f\x85\u2028"
+        ),
+        ("t,q\n\nt,q\n", "holds no row of numbers"),
+    ],
+)
+def test_lines_that_no_table_ends_are_one_line_and_names_alone_are_told(tmp_path, text, told):
     """Python splits texts there, pandas does not."""
-    (tmp_path / "a.csv").write_text(end.join(["t,q", *(f"{k},1" for k in range(99))]), encoding="utf-8")
-    with pytest.raises(InputError, match="is a single line"):
-        read_text(tmp_path / "a.csv")
-
-
-def test_names_without_a_row_are_told(tmp_path):
-    (tmp_path / "a.csv").write_text("t,q\n\nt,q\n")
-    with pytest.raises(InputError, match="holds no row of numbers"):
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told):
         read_text(tmp_path / "a.csv")
 
 

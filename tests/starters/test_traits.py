@@ -5,17 +5,14 @@ import shutil
 
 import numpy as np
 import pytest
-from recorded_chain import Bench, chain, rub
+from recorded_chain import Bench, chain, rub, torque_of
 
 
 @pytest.mark.parametrize(("n", "joint"), [(2, 1), pytest.param(3, 2, marks=pytest.mark.slow)])
 def test_a_sign_and_a_zero_are_told_in_one_sentence_and_taken(tmp_path, n, joint):
     bench, one = Bench(tmp_path, n, 2.0, size=0.5), np.arange(n) == joint
     bench.record(
-        lambda q, v, a, rng, t: (
-            (chain(q, v, a, 2.0, 0.3) + rub(v, 0.2, 0.3) + rng.normal(0, 0.02, q.shape))
-            * np.where(one, -1.0, 1.0)
-        ),
+        torque_of(2.0, 0.2, 0.3, noise=0.02, times=np.where(one, -1.0, 1.0)),
         position=lambda q, k: q - 1.5708 * one,
     )
     said = bench.refuse()
@@ -29,10 +26,7 @@ def test_a_sign_and_a_zero_are_told_in_one_sentence_and_taken(tmp_path, n, joint
 def test_a_mount_and_a_zero_of_a_planar_arm_are_told_as_alike(tmp_path):
     """The first joint's zero turns all of the arm about gravity, as the mount does."""
     bench = Bench(tmp_path, 2, 2.0, size=0.5)
-    bench.record(
-        lambda q, v, a, rng, t: chain(q, v, a, 2.0, 0.3) + rub(v, 0.2, 0.3) + rng.normal(0, 0.02, q.shape),
-        position=lambda q, k: q - [1.5708, 0.0],
-    )
+    bench.record(torque_of(2.0, 0.2, 0.3, noise=0.02), position=lambda q, k: q - [1.5708, 0.0])
     said = bench.refuse()
     assert "which these motions do not tell from it" in said
     assert "give --shift q_j1=1.571" in said and "give --gravity -9.81,0,0" in said

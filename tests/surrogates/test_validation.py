@@ -13,7 +13,6 @@ from wearscope.surrogates.validation import (
     diagnose,
     fault_effect,
     lack_of_fit,
-    leverage,
     model_fit,
     press,
     pure_error,
@@ -40,30 +39,13 @@ def test_fit_is_zero_for_a_mean_predictor_and_100_for_a_perfect_one():
     assert model_fit(y, np.full(45, y.mean())) == pytest.approx(0.0)
     assert model_fit(y, y) == 100.0
     assert model_fit(y, 2 * y.mean() - y) == pytest.approx(-100.0)
-
-
-def test_a_fit_of_90_leaves_one_per_cent_of_the_variance():
-    y = np.random.default_rng(0).normal(size=45)
+    # One per cent of the variance is left.
     assert model_fit(y, y.mean() + 0.9 * (y - y.mean())) == pytest.approx(90.0)
 
 
 def test_fit_of_a_value_that_does_not_vary_is_nan():
     assert np.isnan(model_fit(np.full(5, 0.1), np.zeros(5)))
     assert np.isnan(model_fit([], []))
-
-
-def test_press_is_the_sum_of_leave_one_out_errors(planted):
-    cell = planted.query("axis == 1 and fda == 'A' and cycle == 'a' and set == 'identification'")
-    y = cell["y"].to_numpy()
-    phi = model_matrix(Z, NAMES, model_terms("simplified", NAMES))
-    total = 0.0
-    for k in range(45):
-        rest = np.arange(45) != k
-        theta = np.linalg.lstsq(phi[rest], y[rest], rcond=None)[0]
-        total += (y[k] - phi[k] @ theta) ** 2
-    residual = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
-    assert press(phi, residual) == pytest.approx(total)
-    assert leverage(phi).sum() == pytest.approx(22)
 
 
 @pytest.mark.parametrize("model", ["main", "simplified", "full"])

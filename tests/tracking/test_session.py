@@ -1,7 +1,10 @@
 """From the folder to what is said of each session, with the truth planted."""
 
+import shutil
+
 import numpy as np
 import pytest
+from changed_fields import changed_fields
 from session_machine import HEALTHY
 
 from wearscope.errors import InputError
@@ -77,15 +80,11 @@ def test_far_warmer_session_cannot_be_told(said):
 
 
 def test_use_of_a_later_run_does_not_matter(assessments, reference, machine, tmp_path):
-    import shutil
-
-    other = tmp_path / "duo"
-    shutil.copytree(machine, other)
-    text = (other / "dataset.yaml").read_text()
-    head, tail = text.split("file: runs/d6r0.parquet")
-    (other / "dataset.yaml").write_text(
-        head + "file: runs/d6r0.parquet" + tail.replace("use: test", "use: train", 1)
-    )
+    other = shutil.copytree(machine, tmp_path / "duo")
+    with changed_fields(other / "dataset.yaml") as fields:
+        (run,) = (one for one in fields["runs"] if one["file"] == "runs/d6r0.parquet")
+        assert run["use"] == "test"
+        run["use"] = "train"
     one, two = assessments["s6"], assess_session(read_sessions(other), "s6", reference)
     assert [c.key for c in one.named] == [c.key for c in two.named] and one.named
     for change in one.named:

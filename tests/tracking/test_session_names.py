@@ -1,7 +1,7 @@
 """Which sessions there are, and what is refused."""
 
 import pytest
-import yaml
+from changed_fields import write_fields
 
 from wearscope.errors import InputError
 from wearscope.tracking.session_names import file_name, name_sessions, read_sessions, sort_sessions
@@ -15,19 +15,11 @@ def test_dates_are_sorted_and_labels_keep_their_order():
 
 
 def write(folder, runs, reference):
-    content = {
-        "name": "x",
-        "robot": {"urdf": "robot.urdf", "joints": ["a"]},
-        "sample_rate": 100,
-        "declared_effects": ["rigid_body"],
-        "runs": [
-            {"file": f"r{k}.parquet", "use": use, **({"session": s} if s else {})}
-            for k, (use, s) in enumerate(runs)
-        ],
-        "reference": reference,
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
-    return folder
+    entries = [
+        {"file": f"r{k}.parquet", "use": use, **({"session": s} if s else {})}
+        for k, (use, s) in enumerate(runs)
+    ]
+    return write_fields(folder, ["a"], 100, entries, ["rigid_body"], reference=reference)
 
 
 def test_reference_and_later_sessions(tmp_path):

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
-from session_machine import COULOMB, HEALTHY, HEAT, MEAN, VISCOUS
+from session_machine import COULOMB, HEALTHY, HEAT, MEAN, VISCOUS, write_machine
 
+import wearscope
+from wearscope.effects.base import load_effect
+from wearscope.home import find_home
 from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.fields import EffectEntry
+from wearscope.robots.friction import friction_torque
 from wearscope.robots.model import load_model
 from wearscope.tracking.run import track
 
@@ -18,8 +22,6 @@ SESSIONS = 8
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory):
     """Folder and what was told of a machine in many worn sessions, then in one whose friction fell."""
-    from session_machine import write_machine
-
     folder = tmp_path_factory.mktemp("tracked")
     days = [*HEALTHY, *([WORN] * SESSIONS), FELL]
     machine = write_machine(folder / "duo", days, len(HEALTHY), seed=11)
@@ -27,9 +29,13 @@ def tracked(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def entries(tracked) -> dict[tuple[str, str], EffectEntry]:
+def model(tracked):
+    return load_model(tracked[0] / "model_tracked.yaml")
+
+
+@pytest.fixture(scope="module")
+def entries(model) -> dict[tuple[str, str], EffectEntry]:
     """Entries of the tracked model by joint and effect."""
-    model = load_model(tracked[0] / "model_tracked.yaml")
     return {(entry.joint, entry.effect): entry for entry in model.effects}
 
 
@@ -38,8 +44,7 @@ def test_planted_wear_lies_in_its_intervals(tracked):
     assert len(told) >= SESSIONS - 1
     held = {"eta7": 0, "eta8": 0, "eta9": 0}
     for one in told:
-        truth = {"eta7": PLANTED["height"], "eta8": PLANTED["width"], "eta9": PLANTED["slope"]}
-        for name, value in truth.items():
+        for name, value in zip(held, PLANTED.values(), strict=True):
             low, high = one["parameters"][name]["ci95"]
             held[name] += low <= value / one["level"] <= high
     # Five of eight or fewer have a probability of 0.006 at a coverage of 0.95.
@@ -68,11 +73,7 @@ def test_model_holds_the_last_worn_session(tracked, entries):
     assert ("b", "wear") not in entries
 
 
-def test_model_wears_as_the_sessions_did(tracked, entries):
-    from wearscope.effects.base import load_effect
-    from wearscope.robots.friction import friction_torque
-
-    model = load_model(tracked[0] / "model_tracked.yaml")
+def test_model_wears_as_the_sessions_did(tracked, model):
     level = tracked[1]["wear"][-1]["level"]
     v = np.linspace(0.05, 3.0, 60)
     healthy = friction_torque(model, 0, v, MEAN)
@@ -93,10 +94,7 @@ def test_temperature_is_identified_where_healthy_sessions_show_it(entries, joint
     assert low <= true * COULOMB[k] <= high < 0.0
 
 
-def test_only_what_is_lacking_is_carried_over(tracked):
-    from wearscope.home import find_home
-
-    model = load_model(tracked[0] / "model_tracked.yaml")
+def test_only_what_is_lacking_is_carried_over(model):
     assert find_lacking(model) == [("wear", "b")]
     complete = carry_over(model, load_model("medium", find_home() / "config" / "robots"))
     added = [entry for entry in complete.effects if entry.assumed]
@@ -106,8 +104,6 @@ def test_only_what_is_lacking_is_carried_over(tracked):
 
 
 def test_tracked_machine_is_simulated_at_a_wear_of_its_own(tracked):
-    import wearscope
-
     path = str(tracked[0] / "model_tracked.yaml")
     healthy, worn = (
         wearscope.simulate(path, "point_to_point", wear=[level, 0.0], temperature=35.0, step=0.005, seed=3)

@@ -1,12 +1,11 @@
 """A whole study of a wrist axis with factors by path: noise, a soft gear, a gain, a detector's option."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from calls import call_python
 
 import wearscope
 from wearscope.simulation.recording import point_path, read_recording
@@ -51,10 +50,8 @@ STUDY = {
 
 def run(folder, study, *options):
     (folder / "study.yaml").write_text(yaml.safe_dump(study))
-    return subprocess.run(
-        [sys.executable, "-m", "wearscope", "run", "study.yaml", "--cores", "2", *options],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=1800,
-    )  # fmt: skip
+    words = ("-m", "wearscope", "run", "study.yaml", "--cores", "2", *options)
+    return call_python(*words, folder=folder, timeout=1800)
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,11 @@
 """The smallest study through the cluster profiles: same bytes as on this machine alone."""
 
 import re
-import subprocess
-import sys
 
 import clones
 import pytest
 import yaml
+from calls import call_python
 from one_node_slurm import NoSlurm, start_slurm
 from slurm_ways import WAYS, WORKS, build_command, read_results, run
 
@@ -19,16 +18,8 @@ def read_profile(name: str) -> dict:
 
 
 def dry_run(*arguments: str) -> str:
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "-n",
-        "--configfile",
-        f"{clones.TINY}/config.yaml",
-        *arguments,
-    ]
-    done = subprocess.run(command, cwd=clones.ROOT, capture_output=True, text=True, check=False)
+    words = ("-m", "snakemake", "-n", "--configfile", f"{clones.TINY}/config.yaml", *arguments)
+    done = call_python(*words, folder=clones.ROOT)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return done.stdout + done.stderr
 
@@ -40,10 +31,7 @@ def test_profile_only_sets_what_snakemake_and_its_plugin_know(name):
         f"snakemake_executor_plugin_{executor.replace('-', '_')}", reason="make cluster installs it"
     )
     assert read_profile(name)["executor"] == executor
-    parser = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True, check=True
-    )
-    known = set(re.findall(r"--([a-z][a-z-]+)", parser.stdout))
+    known = set(re.findall(r"--([a-z][a-z-]+)", call_python("-m", "snakemake", "--help").stdout))
     assert read_profile(name).keys() <= known
 
 
@@ -109,10 +97,9 @@ def test_jobs_of_the_rules_write_the_same_bytes(slurm, tmp_path):
     # A one-node SLURM answers at once, without accounting.
     options = ["--slurm-status-command=squeue", "--slurm-init-seconds-before-status-checks=1"]
     options += ["--seconds-between-status-checks=1", "--jobs=10", "--slurm-keep-successful-logs"]
-    command = [sys.executable, "-m", "snakemake", "--profile", "profiles/slurm", *options]
-    command += ["--configfile", f"{clones.TINY}/config.yaml"]
+    words = ["-m", "snakemake", "--profile", "profiles/slurm", *options]
     there = trees["by_rules"]
-    done = subprocess.run(command, cwd=there, env=slurm, capture_output=True, text=True, check=False)
+    done = call_python(*words, "--configfile", f"{clones.TINY}/config.yaml", folder=there, env=slurm)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert len(list((there / ".snakemake" / "slurm_logs").rglob("*.log"))) > 5
     assert clones.digests(there) == clones.digests(trees["local"])

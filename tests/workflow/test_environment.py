@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from calls import call, call_python
 
 ROOT = Path(__file__).parents[2]
 ENVS = ROOT / "envs"
@@ -96,16 +97,9 @@ def test_conda_environment_is_the_lock_of_what_rules_need():
     assert through_pip["pip"] == [f"{name}=={packages[name][0]}" for name in named]
 
 
-def set_up(tmp_path: Path, python: str, venv: Path, **names: str) -> subprocess.CompletedProcess[str]:
+def set_up(tmp_path: Path, python: str, venv: Path) -> subprocess.CompletedProcess[str]:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))}
-    return subprocess.run(
-        ["make", "-s", f"PYTHON={python}", f"VENV={venv}", "setup"],
-        cwd=ROOT,
-        env=environment | names,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return call("make", "-s", f"PYTHON={python}", f"VENV={venv}", "setup", folder=ROOT, env=environment)
 
 
 def write_program(path: Path, text: str) -> str:
@@ -129,9 +123,9 @@ def test_python_too_old_too_new_or_without_venv_is_refused():
     (good,) = re.findall(r"^GOOD := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for version, fits in {(3, 10, 9): 0, (3, 11): 1, (3, 12, 1): 1, (3, 13, 9): 1, (3, 14): 0}.items():
         code = f"import sys; sys.version_info = {version!r}; {good}"
-        assert (subprocess.run([sys.executable, "-c", code], check=False).returncode == 0) == bool(fits)
+        assert (call_python("-c", code).returncode == 0) == bool(fits)
     code = f"import sys; sys.modules['ensurepip'] = None; {good}"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode != 0
+    assert call_python("-c", code).returncode != 0
 
 
 def test_environment_behind_a_symbolic_link_is_not_cleared(tmp_path):

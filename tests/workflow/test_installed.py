@@ -4,13 +4,13 @@ import ast
 import importlib.metadata
 import os
 import re
-import subprocess
 import sys
 import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from calls import call
 
 from wearscope.errors import EXTRAS
 
@@ -28,15 +28,7 @@ BROUGHT = {"pillow": "matplotlib", "markupsafe": "jinja2", "llvmlite": "numba"}
 
 def run(*command, folder=None, timeout=600):
     env = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    done = subprocess.run(
-        [str(one) for one in command],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=timeout,
-    )
+    done = call(*command, folder=folder, env=env, timeout=timeout)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     return done.stdout + done.stderr
 
@@ -156,12 +148,7 @@ def test_wheel_s_own_dependencies_suffice(wheel, tmp_path):
     """With everything else from the package index, as a user's pip would take it."""
     run(sys.executable, "-m", "venv", tmp_path / "env")
     pip = [tmp_path / "env" / "bin" / "python", "-m", "pip"]
-    done = subprocess.run(
-        [*pip, "download", "--quiet", "--no-deps", "--dest", tmp_path, "click"],
-        capture_output=True,
-        check=False,
-    )
-    if done.returncode:
+    if call(*pip, "download", "--quiet", "--no-deps", "--dest", tmp_path, "click").returncode:
         pytest.skip("no package index can be reached")
     run(*pip, "install", "--quiet", wheel, timeout=1800)
     run(tmp_path / "env" / "bin" / "wearscope", "new", "study", "mine", folder=tmp_path)

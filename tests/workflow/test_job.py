@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from calls import call, call_python, wait_until
 
 from wearscope import processes
 from wearscope.errors import InputError
@@ -148,10 +149,7 @@ def test_a_job_ends_with_the_process_it_works_for():
     main.kill()
     main.wait()
     main.stdout.close()
-    end = time.monotonic() + 5
-    while _runs(worker) and time.monotonic() < end:
-        time.sleep(0.01)
-    assert not _runs(worker)
+    assert wait_until(lambda: not _runs(worker), 5.0, 0.01)
 
 
 def _runs(pid):
@@ -167,11 +165,11 @@ def test_a_job_whose_main_process_is_gone_does_not_start():
     gone.wait()
     code = "import sys; from wearscope.processes import end_with; end_with(sys.argv[1]); print('here')"
     for other in (identity, identity.split(":")[0] + ":1", f"{os.getpid()}:1"):
-        done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
+        done = call_python("-c", code, other)
         assert done.returncode == -signal.SIGKILL and not done.stdout
     for other in ("", processes.identify_process(os.getpid())):
-        done = subprocess.run([sys.executable, "-c", code, other], capture_output=True, check=False)
-        assert done.returncode == 0 and done.stdout == b"here\n"
+        done = call_python("-c", code, other)
+        assert done.returncode == 0 and done.stdout == "here\n"
 
 
 @pytest.mark.parametrize("full", [False, True])
@@ -233,19 +231,18 @@ class Snakemake(SimpleNamespace):
 with run_job(Snakemake(rule="it", wildcards=[], log=[{str(tmp_path / "it.log")!r}], output=[])):
     {ends}
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = call_python("-c", script)
     assert (done.returncode, done.stdout.split(), done.stderr) == (code, said, "")
 
 
-def call_python(code, folder, *arguments):
-    command = [*processes.PYTHON, "-c", code, *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+def call_plain(code, folder, *arguments):
+    return call(*processes.PYTHON, "-c", code, *arguments, folder=folder, timeout=60)
 
 
 @pytest.mark.parametrize("code", [0, 1])
 def test_a_command_ends_as_it_says_where_libraries_abort_at_the_end(tmp_path, code):
     """As threads of C++ do that are still there when their objects are taken down."""
-    done = call_python(
+    done = call_plain(
         "import atexit, ctypes, sys\n"
         "from wearscope.processes import end_process\n"
         "ctypes.pythonapi.Py_AtExit(ctypes.CFUNCTYPE(None)(('abort', ctypes.CDLL(None))))\n"
@@ -260,7 +257,7 @@ def test_settings_of_libraries_in_the_working_directory_are_not_obeyed(tmp_path)
     """Nor read: a pipe would hold the reader for good."""
     (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\n")
     os.mkfifo(tmp_path / "matplotlibrc")
-    done = call_python(
+    done = call_plain(
         "from wearscope.processes import ignore_settings_here as ignore; ignore()\n"
         "import matplotlib, numba\n"
         "from numba.core import config\n"

@@ -5,7 +5,7 @@ import re
 import clones
 import pandas as pd
 import pytest
-import yaml
+from changed_fields import changed_fields
 
 from wearscope.integrity import find_damage, main
 
@@ -17,9 +17,8 @@ CUT = {"keep_recordings": True, "job_seconds": 1.4, "point_seconds": 0.1, "quant
 def clone(tmp_path_factory):
     """A tree with one study, uncut and cut."""
     tree = clones.copy_tree(tmp_path_factory.mktemp("job-sizes"))
-    study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
     for name, simulation in (("uncut", {"chunk": 400, "keep_recordings": True}), ("cut", CUT)):
-        (tree / f"{name}.yaml").write_text(yaml.safe_dump(study | {"study": name, "simulation": simulation}))
+        clones.write_study(tree, name, simulation=simulation)
     return tree
 
 
@@ -50,10 +49,8 @@ def test_a_cut_study_is_the_uncut_one_to_the_byte(clone):
 @pytest.mark.slow
 def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_they_are_needed(clone):
     """Equal tables; a later stage alone needs none; a changed detector has the points simulated again."""
-    study = yaml.safe_load((clone / "uncut.yaml").read_text()) | {"study": "dropped"}
-    study["simulation"] = {"chunk": 14}
-    file, results = clone / "dropped.yaml", clone / "results/dropped"
-    file.write_text(yaml.safe_dump(study))
+    clones.write_study(clone, "dropped", simulation={"chunk": 14})
+    results = clone / "results/dropped"
     clones.run_well(clone, "test_quantities", study="dropped.yaml")
     left = {path.parent.parent.name for path in results.rglob("recording.parquet")}
     assert left == {"nominal"} and not list(results.rglob("_chunk-*.tar"))
@@ -63,9 +60,9 @@ def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_
     assert not clones.stale(clone, "test_quantities", study="dropped.yaml")
     assert not any("simulate" in rule for rule in clones.stale(clone, "snr", study="dropped.yaml"))
     assert main([str(results)]) == 0
-    first = next(iter(study["detectors"]))
-    study["detectors"] = {first: study["detectors"][first]}
-    file.write_text(yaml.safe_dump(study))
+    with changed_fields(clone / "dropped.yaml") as study:
+        first = next(iter(study["detectors"]))
+        study["detectors"] = {first: study["detectors"][first]}
     clones.run_well(clone, "test_quantities", study="dropped.yaml")
     again = pd.read_parquet(results / "test_quantities.parquet")
     pd.testing.assert_frame_equal(again, kept[kept["fda"] == first].reset_index(drop=True))
@@ -74,9 +71,7 @@ def test_recordings_go_once_their_test_quantities_are_there_and_come_back_where_
 @pytest.mark.slow
 def test_packed_recordings_are_those_of_files_a_point(clone):
     """A file a chunk, checked and made again as any other: the same tables and recordings."""
-    study = yaml.safe_load((clone / "cut.yaml").read_text())
-    study |= {"study": "packed", "simulation": CUT | {"packed": True}}
-    (clone / "packed.yaml").write_text(yaml.safe_dump(study))
+    clones.write_study(clone, "packed", simulation=CUT | {"packed": True})
     results = clone / "results/packed"
     clones.run_well(clone, "test_quantities", study="packed.yaml")
     assert not list(results.rglob("recording.parquet")) and not list(results.rglob("point=*"))

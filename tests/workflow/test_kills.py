@@ -16,8 +16,13 @@ from pathlib import Path
 import clones
 import pandas as pd
 import pytest
+from calls import call, start, wait_until
 
 from wearscope.home import example_dataset
+
+COMMAND = [sys.executable, "-P", "-m", "wearscope"]
+#: How a process is started whose output is read.
+READ = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +45,7 @@ def fresh(undisturbed, tmp_path):
 
 def start_and_kill(folder, seconds, group):
     """Start the study, kill it after some time; False where it was done before."""
-    job = subprocess.Popen(
-        clones.command(cores=2),
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    job = start(*clones.command(cores=2), folder=folder)
     try:
         job.wait(seconds)
         assert job.returncode == 0
@@ -72,10 +71,7 @@ def list_processes(folder):
 
 def check_interrupted(folder, reference):
     """No process works on; what stands under a final name is whole."""
-    end = time.monotonic() + 10
-    while list_processes(folder) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert list_processes(folder) == []
+    assert wait_until(lambda: not list_processes(folder))
     for name, content in clones.digests(folder).items():
         assert content == (reference / "results" / "tiny" / name).read_bytes(), f"{name} is partial"
 
@@ -114,14 +110,7 @@ def test_killed_at_a_random_moment(undisturbed, fresh, number):
 )
 def test_an_interrupt_ends_all_within_seconds(tmp_path, number):
     """Ctrl-C goes to all processes of the terminal's foreground group."""
-    job = subprocess.Popen(
-        [sys.executable, "-P", "-m", "wearscope", "diagnose", str(example_dataset())],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-        text=True,
-    )
+    job = start(*COMMAND, "diagnose", example_dataset(), folder=tmp_path, **READ)
     time.sleep(1.0 + 0.3 * number if number >= 3 else (2.0, 7.0, 11.0)[number])
     os.killpg(job.pid, signal.SIGINT)
     said, _ = job.communicate(timeout=5 + 10 * os.getloadavg()[0])
@@ -151,26 +140,15 @@ def test_a_job_that_somebody_kills_is_tried_once_more(undisturbed, fresh):
 
 @pytest.mark.slow
 def test_what_the_command_started_ends_with_it(tmp_path):
-    job = subprocess.Popen(
-        [sys.executable, "-P", "-m", "wearscope", "diagnose", str(example_dataset())],
-        cwd=tmp_path,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    end = time.monotonic() + 60
-    while len(list_processes(tmp_path)) < 3 and time.monotonic() < end:
-        time.sleep(0.1)
+    job = start(*COMMAND, "diagnose", example_dataset(), folder=tmp_path)
+    wait_until(lambda: len(list_processes(tmp_path)) >= 3, 60.0)
     job.kill()
     job.wait()
-    end = time.monotonic() + 10
-    while list_processes(tmp_path) and time.monotonic() < end:
-        time.sleep(0.1)
-    assert list_processes(tmp_path) == []
+    assert wait_until(lambda: not list_processes(tmp_path))
 
 
-def diagnose(folder, *options):
-    command = [sys.executable, "-P", "-m", "wearscope", "diagnose", "arm", *options]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def diagnose(folder):
+    return call(*COMMAND, "diagnose", "arm", folder=folder)
 
 
 DIAGNOSIS = ("verdict.json", "report.html", "residual.parquet", "model_after.yaml")
@@ -195,7 +173,7 @@ def test_a_study_that_is_killed_leaves_its_old_answer(undisturbed, tmp_path):
     made = folder / "results" / "tiny" / "parts" / "answer" / "conclusion.json"
     before = made.read_bytes()
     with open(folder / "said.txt", "w") as said:
-        job = subprocess.Popen(clones.command(), cwd=folder, stdout=said, stderr=said, start_new_session=True)
+        job = start(*clones.command(), folder=folder, stdout=said, stderr=said)
         while job.poll() is None and not (made.is_file() and made.read_bytes() not in (before, b"")):
             time.sleep(0.02)
         os.killpg(job.pid, signal.SIGKILL)
@@ -233,24 +211,14 @@ def test_a_diagnosis_that_is_killed_leaves_the_old_answer_or_the_new_one(diagnos
     folder = tmp_path / "here"
     shutil.copytree(old, folder)
     shutil.copy(new / "arm" / "runs" / "sweeps.parquet", folder / "arm" / "runs")
-    job = subprocess.Popen(
-        [sys.executable, "-P", "-m", "wearscope", "diagnose", "arm"],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    job = start(*COMMAND, "diagnose", "arm", folder=folder)
     try:
         job.wait(seconds * (number + random.Random(number).random()) / 20)
     except subprocess.TimeoutExpired:
         os.kill(job.pid, signal.SIGKILL)
         job.wait()
-    end = time.monotonic() + 10
-    while list_processes(folder) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert list_processes(folder) == []
-    report = [sys.executable, "-P", "-m", "wearscope", "report", "results/closed_loop/example-arm"]
-    shown = subprocess.run(report, cwd=folder, capture_output=True, text=True, check=False)
+    assert wait_until(lambda: not list_processes(folder))
+    shown = call(*COMMAND, "report", "results/closed_loop/example-arm", folder=folder)
     assert shown.returncode == 0 and "report.html" in shown.stdout, shown.stderr
     assert read_answer(folder) in (read_answer(old), read_answer(new)) and len(read_answer(old)) == 4
     assert diagnose(folder).returncode == 0
@@ -264,17 +232,10 @@ def test_two_programs_on_one_study_at_once(undisturbed, fresh, first, apart):
     """One waits for the other; whichever is later finds its files there, or makes them again, the same."""
     reference, _ = undisturbed
     study = f"{clones.TINY}/config.yaml"
-    ways = {
-        "snakemake": clones.command(),
-        "wearscope": [sys.executable, "-P", "-m", "wearscope", "run", study, "--cores", "1"],
-    }
+    ways = {"snakemake": clones.command(), "wearscope": [*COMMAND, "run", study, "--cores", "1"]}
     runs = []
     for name in sorted(ways, key=lambda name: name != first):
-        runs.append(
-            subprocess.Popen(
-                ways[name], cwd=fresh, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-            )
-        )
+        runs.append(start(*ways[name], folder=fresh, **READ))
         time.sleep(apart)
     said = [run.communicate()[0] for run in runs]
     assert [run.returncode for run in runs] == [0, 0], said

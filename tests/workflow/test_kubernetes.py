@@ -8,6 +8,7 @@ from pathlib import Path
 
 import clones
 import pytest
+from calls import call
 from kubernetes_stand_in import ENDPOINTS, IMAGE, UNSHARE, NoStandIn, start_cluster
 
 CLAIM = "claim"
@@ -39,14 +40,7 @@ def run_profile(tree: Path, volume: Path, cluster, *arguments: str):
     # A stand-in answers at once.
     command += ["--seconds-between-status-checks=1"]
     mount = f'mount --bind "{cluster.claim(CLAIM)}" "{volume}" && exec "$@"'
-    return subprocess.run(
-        [*UNSHARE, "sh", "-ec", mount, "sh", *command],
-        cwd=tree,
-        env=cluster.client,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return call(*UNSHARE, "sh", "-ec", mount, "sh", *command, folder=tree, env=cluster.client)
 
 
 @pytest.mark.long

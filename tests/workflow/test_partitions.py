@@ -1,12 +1,13 @@
 """A study of many robots, run by partitions: the same tables, planned in a moment."""
 
 import re
-import subprocess
-import time
+import shutil
 
 import clones
 import pytest
 import yaml
+from calls import call, start, wait_until
+from changed_fields import changed_fields
 
 from wearscope.integrity import find_damage
 from wearscope.storage import tables
@@ -24,20 +25,19 @@ LARGE = ("test_quantities", "surrogates", "scope")
 def clone(tmp_path_factory):
     """A tree with one study of two robots, whole and divided."""
     tree = clones.copy_tree(tmp_path_factory.mktemp("partitions"))
-    study = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())
-    study |= {
+    factors = yaml.safe_load((tree / clones.TINY / "config.yaml").read_text())["factors"]
+    study = {
         "robots": ["medium", "large"],
-        "factors": {name: study["factors"][name] for name in ("f", "w3")},
+        "factors": {name: factors[name] for name in ("f", "w3")},
         "surrogates": {"filling": {"enabled": False}},
         "snr": {"runs": 1000, "model": "full"},
-        "scope": study["scope"] | {"model": "full", "factors": ["w3"]},
+        "scope": {"model": "full", "factors": ["w3"], "grid": [5, 4], "runs": 1000},
         "audit": {"enabled": False},
         "direct": {"enabled": False},
         "reevaluate": {"enabled": False},
     }
     for name, above in (("whole", 2), ("divided", 1)):
-        text = yaml.safe_dump(study | {"study": name, "partitions": {"above": above}})
-        (tree / f"{name}.yaml").write_text(text)
+        clones.write_study(tree, name, **study, partitions={"above": above})
     return tree
 
 
@@ -124,33 +124,25 @@ def test_a_study_as_one_job_is_the_study(clone):
 
 @pytest.mark.slow
 def test_the_snakemake_of_a_job_ends_with_it(clone):
-    process = subprocess.Popen(
-        [*clones.command("scope", study="divided.yaml"), "--config", "study=killed"], cwd=clone,
-        start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+    words = clones.command("scope", study="divided.yaml")
+    process = start(*words, "--config", "study=killed", folder=clone)
 
     def count() -> int:
-        asked = ["pgrep", "--full", "--count", f"{clone}/results/killed|results/killed/partitions"]
-        return int(subprocess.run(asked, capture_output=True, text=True, check=False).stdout)
+        pattern = f"{clone}/results/killed|results/killed/partitions"
+        return int(call("pgrep", "--full", "--count", pattern).stdout)
 
-    deadline = time.monotonic() + 120
-    while not count() and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert count(), "no partition began"
+    assert wait_until(count, 120.0), "no partition began"
     process.kill()
     process.wait()
-    deadline = time.monotonic() + 30
-    while count() and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert not count()
+    assert wait_until(lambda: not count(), 30.0)
 
 
 @pytest.mark.slow
 def test_a_partition_that_fails_is_named_with_where_it_says_why(clone):
-    study = yaml.safe_load((clone / "divided.yaml").read_text())
-    study |= {"study": "broken", "cycles": ["broken.py"]}
     (clone / "broken.py").write_text("raise ValueError('no motion')\n")
-    (clone / "broken.yaml").write_text(yaml.safe_dump(study))
+    shutil.copy(clone / "divided.yaml", clone / "broken.yaml")
+    with changed_fields(clone / "broken.yaml") as study:
+        study |= {"study": "broken", "cycles": ["broken.py"]}
     done = clones.run(clone, "test_quantities", study="broken.yaml")
     assert done.returncode != 0
     told = re.search(r"(results/broken/logs/partitions/0000\d\.log): it failed", done.stderr)

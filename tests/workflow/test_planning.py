@@ -2,8 +2,6 @@
 
 import re
 import shutil
-import subprocess
-import sys
 from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from calls import call_python
 
 from wearscope.config import load_config
 from wearscope.jobs.named_files import find_script_sources
@@ -49,10 +48,8 @@ def test_chunks_hold_each_point_once():
 def test_recordings_are_files_only_where_they_are_packed():
     assert make_plan().packed("medium", "moves", "identification") == []
     plan = make_plan(packs=True)
-    packed = plan.packed("medium", "moves", "identification", "nominal")
-    assert [file.replace(".tar", ".json") for file in packed] == plan.traces(
-        "medium", "moves", "identification", "nominal"
-    )
+    asked = ("medium", "moves", "identification", "nominal")
+    assert [file.replace(".tar", ".json") for file in plan.packed(*asked)] == plan.traces(*asked)
 
 
 def test_recordings_that_are_dropped_are_packed_until_then_but_for_nominal_ones():
@@ -98,9 +95,8 @@ def test_tables_are_named_by_robot_and_cycle_or_by_partition():
     each = plan.parts("snr", "snr", "{robot}", "{cycle}")
     assert len(set(each)) == len(each) == 2 * len(plan.study.cycles)
     assert plan.whole("snr") == ["results/quick/snr.parquet"]
-    divided = Plan(
-        read_quick(robots=["medium", "large"], partitions={"robots": 1, "above": 1}), "results/quick", False
-    )
+    study = read_quick(robots=["medium", "large"], partitions={"robots": 1, "above": 1})
+    divided = Plan(study, "results/quick", False)
     wanted = [f"results/quick/partitions/{number:05d}/snr.parquet" for number in (0, 1)]
     assert divided.parts("snr", "snr", "{robot}") == divided.whole("snr") == wanted
 
@@ -202,12 +198,7 @@ def test_sources_of_a_script_include_scripts_that_it_imports_and_plugins_that_ar
     (tmp_path / "other.py").write_text("")
     (tmp_path / "own.py").write_text("from wearscope.limits import *\n")
     found = find_script_sources(tmp_path / "run.py", tmp_path / "own.py", tmp_path / "missing.py")
-    assert {one.name for one in found if one.parent == tmp_path} == {
-        "run.py",
-        "shared.py",
-        "deeper.py",
-        "own.py",
-    }
+    assert {one.stem for one in found if one.parent == tmp_path} == {"run", "shared", "deeper", "own"}
     assert {"errors.py", "limits.py"} <= {one.name for one in found}
 
 
@@ -222,5 +213,4 @@ import importlib, sys
 for name in {modules}:
     importlib.import_module(name)
 print([name for name in {heavy} if name in sys.modules])"""
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
+    assert call_python("-c", code).stdout == "[]\n"

@@ -5,13 +5,12 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import clones
 import pytest
 import yaml
+from calls import call_python
 from changed_fields import changed_fields
 
 from wearscope.archive.comparison import Content, compare_contents
@@ -39,22 +38,14 @@ def flip(path, offset=None):
 
 
 def fail_naming(study, path, *arguments):
-    done = clones.run(study, *arguments)
-    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr[-3000:]
-    said = next(line for line in done.stderr.splitlines() if "it was set aside" in line)
+    told = clones.run_ill(study, *arguments)
+    said = next(line for line in told.splitlines() if "it was set aside" in line)
     assert str(path) in said and "run the same command again" in said
     return said
 
 
 def module(study, *arguments):
-    return subprocess.run(
-        [sys.executable, "-m", *arguments],
-        cwd=study,
-        env={**os.environ, "PYTHONPATH": str(study / "src")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return call_python("-m", *arguments, folder=study, env={**os.environ, "PYTHONPATH": str(study / "src")})
 
 
 def test_recording_that_is_gone_or_damaged_is_made_again(finished, study):
@@ -115,7 +106,7 @@ def test_finished_study_is_checked_and_repaired_by_stated_commands(finished, stu
         assert str(name) in done.stderr, done.stderr
     stated = shlex.split(re.search(r"make it again: snakemake (.*)", done.stderr)[1])
     assert str(RESULTS / "snr.parquet") in stated and str(RECORDING) not in stated
-    subprocess.run([sys.executable, "-m", "snakemake", *stated], cwd=study, check=True, capture_output=True)
+    assert call_python("-m", "snakemake", *stated, folder=study).returncode == 0
     clones.run_well(study)
     assert clones.digests(study) == clones.digests(finished)
     assert module(study, "wearscope.integrity", str(RESULTS)).returncode == 0
@@ -149,12 +140,10 @@ def test_hanging_detector_is_a_failed_point_of_the_study(study):
     hang = "        while not hasattr(self, 'never'):\n            pass\n"
     place = "    def test_quantity(self, batch):\n"
     own.write_text(text.replace(place, place + hang))
-    config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
-    (study / "limited.yaml").write_text(yaml.safe_dump({**config, "time_limit": 40}))
-    done = clones.run(study, "test_quantities", study="limited.yaml")
+    clones.write_study(study, "limited", study="tiny", time_limit=40)
     # It hangs at each question: soon more points are lost than the study allows.
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "fda 'own', robot medium, cycle short_moves, axis 1: took longer than 40 s" in done.stderr
+    told = clones.run_ill(study, "test_quantities", study="limited.yaml")
+    assert "fda 'own', robot medium, cycle short_moves, axis 1: took longer than 40 s" in told
 
 
 def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
@@ -162,25 +151,14 @@ def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
     (study / "theirs" / "bait.py").write_text("open('ran', 'w')\nraise SystemExit\n")
     with changed_fields(study / "theirs" / "model.yaml") as model:
         model["effects"][0]["effect"] = "bait.py"
-    config = yaml.safe_load((study / clones.TINY / "config.yaml").read_text())
-    (study / "bad.yaml").write_text(yaml.safe_dump({**config, "study": "bad", "robots": ["theirs"]}))
+    clones.write_study(study, "bad", robots=["theirs"])
 
-    def check(allowed):
-        return subprocess.run(
-            [*clones.command("check", study="bad.yaml"), "--config", f"allow_code={allowed}"],
-            cwd=study,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
+    told = "the effect 'bait.py' is code that would run; read it, and allow it"
     for allowed in ("false", "[other.py]"):
-        done = check(allowed)
-        assert done.returncode == 1 and "Traceback" not in done.stderr
-        assert "the effect 'bait.py' is code that would run; read it, and allow it" in done.stderr
+        assert told in clones.run_ill(study, "check", "--config", f"allow_code={allowed}", study="bad.yaml")
         assert not (study / "ran").exists()
-    done = check("[bait.py]")
-    assert done.returncode == 1 and (study / "ran").exists()
+    assert clones.run(study, "check", "--config", "allow_code=[bait.py]", study="bad.yaml").returncode == 1
+    assert (study / "ran").exists()
 
 
 @pytest.mark.parametrize(
@@ -193,9 +171,7 @@ def test_robot_s_code_does_not_run_unless_it_is_allowed(study):
         ("- 1", "holds no mapping"),
     ],
 )
-def test_malformed_robot_ends_in_one_sentence_before_anything_is_planned(clone, bad, text, words):
+def test_malformed_robot_ends_in_one_sentence_before_anything_is_planned(clone, text, words):
     (clone / "theirs").mkdir(exist_ok=True)
     (clone / "theirs" / "model.yaml").write_text(text)
-    (clone / "bad.yaml").write_text(yaml.safe_dump(bad | {"robots": ["theirs"]}))
-    done = clones.run(clone, "-n", study="bad.yaml")
-    assert done.returncode == 1 and "Traceback" not in done.stderr and words in done.stderr, done.stderr
+    assert words in clones.run_ill(clone, "-n", study=clones.write_study(clone, "bad", robots=["theirs"]))

@@ -1,10 +1,9 @@
 """How often Snakemake looks for jobs to start."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from calls import call_python
 
 RULES = Path(__file__).parents[2] / "workflow" / "rules" / "scheduler.smk"
 WORKFLOW = """
@@ -22,13 +21,8 @@ def test_waiting_jobs_are_looked_through_when_a_job_has_ended(tmp_path, with_rul
     """Without these lines they would be looked through each second, by as many timers as jobs have ended."""
     included = f'include: "{RULES}"\n' if with_rules else ""
     (tmp_path / "Snakefile").write_text(included + WORKFLOW)
-    done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--cores", "1", "--verbose", "--profile", "none"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    words = ("-m", "snakemake", "--cores", "1", "--verbose", "--profile", "none")
+    done = call_python(*words, folder=tmp_path)
     looks = (done.stdout + done.stderr).count("Ready jobs: ")
     assert sorted(file.name for file in tmp_path.glob("*.txt")) == [f"{k}.txt" for k in range(4)]
     # One for each of the four jobs, and for the target.

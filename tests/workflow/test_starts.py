@@ -1,10 +1,9 @@
 """What the workflow's jobs do not load: each import is paid by every process that makes it."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from calls import call_python
 
 
 @pytest.mark.parametrize(
@@ -17,8 +16,7 @@ import pytest
 )
 def test_what_only_some_jobs_use_is_not_imported_by_all(imported, spared):
     code = f"import json, sys, {imported}; print(json.dumps([one for one in {spared} if one in sys.modules]))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == []
+    assert json.loads(call_python("-c", code).stdout) == []
 
 
 COUNT_READS = """
@@ -44,8 +42,7 @@ def test_packages_are_those_that_python_imports_each_read_once(tmp_path):
         info = tmp_path / folder / "twice-0.dist-info"
         info.mkdir(parents=True)
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: Twice\nVersion: {version}\n")
-    command = [sys.executable, "-c", COUNT_READS, str(tmp_path / "first"), str(tmp_path / "second")]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    told = call_python("-c", COUNT_READS, tmp_path / "first", tmp_path / "second").stdout
     ours, python, most = json.loads(told)
     assert ours == python == "1.0"
     assert most <= 2  # once here, once for the version of this package

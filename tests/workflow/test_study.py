@@ -6,17 +6,15 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import yaml
+from calls import call_python, start, wait_until
 from changed_fields import changed_fields
-from clones import ROOT, TINY, command, copy_tree, digests, run, run_well, stale
+from clones import ROOT, TINY, command, copy_tree, digests, run_ill, run_well, stale, write_study
 
 from wearscope.storage import tables
 
@@ -93,11 +91,13 @@ def test_traces_are_one_partition_a_point_with_units(finished):
 
 def test_every_job_logged_and_was_timed(finished):
     results = finished / "results" / "tiny"
-    logs = {path.relative_to(results / "logs").with_suffix("") for path in results.glob("logs/**/*.log")}
-    times = {
-        path.relative_to(results / "benchmarks").with_suffix("")
-        for path in results.glob("benchmarks/**/*.tsv")
-    }
+    logs, times = (
+        {
+            path.relative_to(results / folder).with_suffix("")
+            for path in results.glob(f"{folder}/**/*.{ending}")
+        }
+        for folder, ending in (("logs", "log"), ("benchmarks", "tsv"))
+    )
     assert logs == times and len(logs) > 10
     assert all(path.read_text() for path in results.glob("logs/**/*.log"))
 
@@ -139,11 +139,6 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
-def add_line(path: Path) -> None:
-    with open(path, "a", encoding="utf-8") as file:
-        file.write("\n# An edit.\n")
-
-
 @pytest.mark.parametrize(
     ("setting", "change", "expected"),
     [
@@ -181,7 +176,8 @@ def test_changed_setting_reruns_its_stage_and_what_follows(changed, setting, cha
     ],
 )
 def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, must_not):
-    add_line(changed / file)
+    with open(changed / file, "a", encoding="utf-8") as code:
+        code.write("\n# An edit.\n")
     rules = stale(changed)
     assert must <= rules
     assert not must_not & rules
@@ -191,17 +187,9 @@ def test_changed_code_reruns_its_stage_and_what_follows(changed, file, must, mus
 def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
     folder = tmp_path / "two-cores"
     shutil.copytree(finished, folder, ignore=shutil.ignore_patterns("results", ".snakemake"))
-    job = subprocess.Popen(
-        command("simulate", cores=2),
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    job = start(*command("simulate", cores=2), folder=folder)
     pattern = "results/tiny/traces/medium/short_moves/*/point=*/*.parquet"
-    end = time.monotonic() + 120
-    while len(list(folder.glob(pattern))) < 3 and job.poll() is None and time.monotonic() < end:
-        time.sleep(0.02)
+    wait_until(lambda: len(list(folder.glob(pattern))) >= 3 or job.poll() is not None, 120.0, 0.02)
     os.killpg(job.pid, signal.SIGKILL)
     job.wait()
     halfway = {path: path.stat().st_mtime_ns for path in folder.glob(pattern)}
@@ -219,15 +207,9 @@ def test_two_cores_and_a_killed_run_give_the_same_bytes(finished, tmp_path):
 def test_archive_holds_the_study(finished, tmp_path):
     run_well(finished, "archive")
     path = finished / "results" / "archive" / "tiny.tar"
-    module = [sys.executable, "-m", "wearscope.archive"]
     environment = {**os.environ, "PYTHONPATH": str(finished / "src")}
-    subprocess.run([*module, "verify", str(path)], check=True, env=environment, capture_output=True)
-    subprocess.run(
-        [*module, "unpack", str(path), str(tmp_path / "out")],
-        check=True,
-        env=environment,
-        capture_output=True,
-    )
+    for words in (("verify", path), ("unpack", path, tmp_path / "out")):
+        assert call_python("-m", "wearscope.archive", *words, env=environment).returncode == 0
     manifest = json.loads((tmp_path / "out" / "MANIFEST.json").read_text())
     assert manifest["config"]["study"] == "tiny"
     assert "src/wearscope/archive.py" in manifest["code"]["files"]
@@ -238,12 +220,10 @@ def test_archive_holds_the_study(finished, tmp_path):
 @pytest.mark.slow
 def test_a_study_simulated_by_one_job_has_the_bytes_of_one_cut_into_chunks(finished, tmp_path):
     clone = copy_tree(tmp_path / "at-once")
-    settings = yaml.safe_load((clone / TINY / "config.yaml").read_text()) | {"simulation": {"chunk": 1000}}
-    (clone / "whole.yaml").write_text(yaml.safe_dump(settings))
-    text = run_well(clone, "test_quantities", study="whole.yaml")
-    assert re.search(r"^simulate_study +1$", text, re.MULTILINE) and "simulate_points" not in stale(
-        clone, "test_quantities", study="whole.yaml"
-    )
+    study = write_study(clone, "whole", study="tiny", simulation={"chunk": 1000})
+    text = run_well(clone, "test_quantities", study=study)
+    assert re.search(r"^simulate_study +1$", text, re.MULTILINE)
+    assert "simulate_points" not in stale(clone, "test_quantities", study=study)
     ours, theirs = (folder / "results" / "tiny" for folder in (clone, finished))
     recordings = [path.relative_to(ours) for path in ours.glob("traces/**/*.parquet")]
     assert len(recordings) > 30
@@ -257,10 +237,9 @@ def test_detector_that_fails_too_often_is_told_and_nothing_else_lost(finished, t
     with changed_fields(folder / TINY / "config.yaml") as config:
         config["detectors"]["own"] = {"use": f"{TINY}/torque_change.py", "options": {"fail_above": 0.0}}
     before = digests(folder)
-    done = run(folder, "test_quantities")
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "fda 'own', robot medium, cycle short_moves, axis 1: failed at" in done.stderr
-    assert "max_failed_share" in done.stderr
+    told = run_ill(folder, "test_quantities")
+    assert "fda 'own', robot medium, cycle short_moves, axis 1: failed at" in told
+    assert "max_failed_share" in told
     after = digests(folder)
     assert {name for name in before if name.startswith("traces/")} <= after.keys()
 
@@ -275,15 +254,13 @@ def test_failed_simulation_is_counted_left_out_and_refused_above_the_share(finis
         '        if conditions.temperature == 70.0:\n            raise SimulationError("the oil boils.")\n'
         "        check_temperature(",
     )
-    config = yaml.safe_load((folder / TINY / "config.yaml").read_text())
-    (folder / "lenient.yaml").write_text(yaml.safe_dump({**config, "max_failed_share": 0.07}))
-    done = run(folder, "test_quantities")
-    assert done.returncode == 1 and "Traceback" not in done.stderr
+    write_study(folder, "lenient", study="tiny", max_failed_share=0.07)
+    told = run_ill(folder, "test_quantities")
     sentence = (
         "robot medium, cycle short_moves: the simulation failed at 1 of 15 identification points, more than "
         "the share 0.05 allowed; first at point "
     )
-    assert sentence in done.stderr and "the oil boils; correct the robot" in done.stderr
+    assert sentence in told and "the oil boils; correct the robot" in told
     results = folder / "results" / "tiny"
     recordings = {path: path.stat().st_mtime_ns for path in results.glob("traces/**/*.parquet")}
     assert len(recordings) == 15 + 14 + 19 + 7 + 1

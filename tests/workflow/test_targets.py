@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from clones import ROOT, TINY, run, run_well, stale
+from changed_fields import changed_fields
+from clones import run_ill, run_well, stale, write_study
 from plain_robot import write_plain_robot
 
 from wearscope.errors import InputError
@@ -25,9 +26,8 @@ def test_stage_needs_only_what_is_before_it(clone, target, rules):
     assert stale(clone, target) == rules
 
 
-def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
-    bad |= {"robots": [write_plain_robot(clone)], "carry_over": {"plain": "medium"}, "study": "borrowed"}
-    (clone / "borrowed.yaml").write_text(yaml.safe_dump(bad))
+def test_model_that_borrows_wear_and_temperature_passes_the_check(clone):
+    write_study(clone, "borrowed", robots=[write_plain_robot(clone)], carry_over={"plain": "medium"})
     run_well(clone, "check", study="borrowed.yaml")
     text = (clone / "results" / "borrowed" / "robots" / "plain.yaml").read_text()
     assert text.count("assumed: true") == 1 + 6  # wear of the axis asked for, temperature everywhere
@@ -36,13 +36,10 @@ def test_model_that_borrows_wear_and_temperature_passes_the_check(clone, bad):
 
 
 @pytest.mark.slow
-def test_two_models_are_reevaluated(clone, bad):
+def test_two_models_are_reevaluated(clone):
     small = {"points": 8, "local_points": 6, "question_points": 2, "replicates": 2, "checking_points": 4}
-    bad |= {
-        "study": "two",
-        "reevaluate": {"before": ["medium"], "after": [write_plain_robot(clone)], **small},
-    }
-    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
+    models = {"before": ["medium"], "after": [write_plain_robot(clone)]}
+    write_study(clone, "two", reevaluate=models | small)
     run_well(clone, "reevaluate", cores=2, study="two.yaml")
     results = clone / "results" / "two"
     table = tables.read_table(results / "reevaluation" / "reevaluation.parquet")
@@ -50,7 +47,6 @@ def test_two_models_are_reevaluated(clone, bad):
     wanted = "robot cycle axis fda question truth p_changed before before_low before_high after after_low"
     assert set(wanted.split()) <= set(table.columns)
     assert table["truth"].isna().all() and (results / "reevaluation" / "report.html").is_file()
-    (clone / "two.yaml").write_text(yaml.safe_dump(bad))
     assert stale(clone, "reevaluate", study="two.yaml") <= {"reevaluate"}
 
 
@@ -84,26 +80,19 @@ def make_dataset(folder: Path, name: str) -> Path:
 def test_data_set_anywhere_is_a_job_of_its_own(clone, tmp_path):
     folder = make_dataset(tmp_path / "machine", "my-robot")
     text = run_well(clone, "-n", "closed_loop", "--config", f"dataset={folder}")
-    assert set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE)) == {
-        "close_loop",
-        "report_loop",
-        "show_loop",
-        "closed_loop",
-        "total",
-    }
+    rules = set(re.findall(r"^(\w+) +\d+$", text, re.MULTILINE))
+    assert rules == {"close_loop", "report_loop", "show_loop", "closed_loop", "total"}
     assert "Close the loop on" in text
 
 
 def test_loop_depends_on_its_own_effects_and_on_all_of_its_code(clone, tmp_path):
     folder = make_dataset(tmp_path / "machine", "my-robot")
-    content = yaml.safe_load((folder / "dataset.yaml").read_text())
-    lists = {"effects": ["mine.py", "gone.py"], "declared_effects": ["rigid_body", "declared.py"]}
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(content | lists))
+    with changed_fields(folder / "dataset.yaml") as content:
+        content["effects"] = ["mine.py", "gone.py"]
+        content["declared_effects"] = ["rigid_body", "declared.py"]
     for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
         path.write_text("EFFECT = 0\n")
-    study = yaml.safe_load((ROOT / TINY / "config.yaml").read_text())
-    study["closed_loop"] = {"effects": [str(tmp_path / "candidate.py")]}
-    (clone / "own.yaml").write_text(yaml.safe_dump(study))
+    write_study(clone, "own", closed_loop={"effects": [str(tmp_path / "candidate.py")]})
     options = ["--config", f"dataset={folder}", "allow_code=true"]
     inputs = run_well(clone, "--filegraph", "closed_loop", *options, study="own.yaml")
     for path in (folder / "mine.py", folder / "declared.py", tmp_path / "candidate.py"):
@@ -115,9 +104,8 @@ def test_loop_depends_on_its_own_effects_and_on_all_of_its_code(clone, tmp_path)
 
 
 def test_data_set_that_is_not_there_or_has_no_name_is_told(clone, tmp_path):
-    done = run(clone, "-n", "closed_loop", "--config", f"dataset={tmp_path / 'nowhere'}")
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert "config: dataset:" in done.stderr and "a data set is a folder with a dataset.yaml" in done.stderr
+    told = run_ill(clone, "-n", "closed_loop", "--config", f"dataset={tmp_path / 'nowhere'}")
+    assert "config: dataset:" in told and "a data set is a folder with a dataset.yaml" in told
     for place, name in (("x", "a/b"), ("y", "..")):
         with pytest.raises(InputError, match="the results' folder is called like it, so correct it"):
             NamedDataSet(str(make_dataset(tmp_path / place, name)))

@@ -7,7 +7,6 @@ from pathlib import Path
 import clones
 import pandas as pd
 import pytest
-import yaml
 from changed_fields import changed_fields
 from session_machine import write_machine
 
@@ -66,37 +65,37 @@ def test_nothing_is_left_to_do(tracked):
     assert clones.stale(clone, "track", "--config", f"dataset={machine}") == set()
 
 
-def test_new_session_costs_itself_alone(tracked, tmp_path):
+@pytest.fixture
+def plan(tracked):
+    """What a dry run says of the machine with other fields; both are put back."""
     clone, machine = tracked
-    kept = machine / "dataset.yaml"
-    text = kept.read_text()
-    content = yaml.safe_load(text)
-    table = pd.read_parquet(machine / content["runs"][-1]["file"])
-    table["tau_a"] += 0.01
-    table.to_parquet(machine / "runs" / "new.parquet")
-    content["runs"].append({"file": "runs/new.parquet", "use": "test", "session": "s5"})
-    kept.write_text(yaml.safe_dump(content))
-    try:
-        said = clones.run_well(clone, "-n", "track", "--config", f"dataset={machine}")
-    finally:
-        kept.write_text(text)
-        (machine / "runs" / "new.parquet").unlink()
+    kept = (machine / "dataset.yaml").read_text()
+
+    def dry_run(change):
+        with changed_fields(machine / "dataset.yaml") as content:
+            change(content)
+        return clones.run_well(clone, "-n", "track", "--config", f"dataset={machine}")
+
+    yield dry_run
+    (machine / "dataset.yaml").write_text(kept)
+    (machine / "runs" / "new.parquet").unlink(missing_ok=True)
+
+
+def test_new_session_costs_itself_alone(tracked, plan):
+    def record(content):
+        table = pd.read_parquet(tracked[1] / content["runs"][-1]["file"])
+        table["tau_a"] += 0.01
+        table.to_parquet(tracked[1] / "runs" / "new.parquet")
+        content["runs"].append({"file": "runs/new.parquet", "use": "test", "session": "s5"})
+
+    said = plan(record)
     assert "Compare session s5" in said and "Compare session s3" not in said
     assert "Identify the healthy machine" not in said
     assert "Say what changed" in said
 
 
-def test_changed_reference_makes_all_anew(tracked):
-    clone, machine = tracked
-    kept = machine / "dataset.yaml"
-    text = kept.read_text()
-    content = yaml.safe_load(text)
-    content["reference"].append("s3")
-    kept.write_text(yaml.safe_dump(content))
-    try:
-        said = clones.run_well(clone, "-n", "track", "--config", f"dataset={machine}")
-    finally:
-        kept.write_text(text)
+def test_changed_reference_makes_all_anew(plan):
+    said = plan(lambda content: content["reference"].append("s3"))
     assert "Identify the healthy machine" in said and "Compare session s4" in said
 
 
@@ -110,7 +109,6 @@ def test_what_cannot_be_tracked_is_told_in_one_sentence(tracked, tmp_path):
         (("--config", f"dataset={other}"), "reference is missing; list the sessions"),
         (("--config", "seed=1"), "config: dataset is missing; say which machine to track"),
     ):
-        done = clones.run(clone, "-n", "track", *options)
-        assert done.returncode == 1 and sentence in done.stderr and "Traceback" not in done.stderr
+        assert sentence in clones.run_ill(clone, "-n", "track", *options)
     # The loop can be closed all the same.
     assert "Close the loop" in clones.run_well(clone, "-n", "closed_loop", "--config", f"dataset={other}")

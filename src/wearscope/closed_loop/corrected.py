@@ -3,20 +3,21 @@
 Training runs alone choose and fit. A correction that held-out training runs bear out can still be wrong
 elsewhere, as at another temperature, and only test runs show it. They therefore have a veto and no vote: a
 name that they refute, or that makes a joint's error larger, is taken out, and the joint goes back towards the
-declared model, which claims nothing. No test run is spent twice on a claim by that:
+declared model, which claims nothing. By such a veto no test run counts twice for one claim:
 
 - A name is `confirmed` where the whole interval of what it removes at its joints is above zero. The veto
   makes no false confirmation likelier.
-- An error is called `smaller` only where the interval of its change lies below zero. The choice of the
-  smaller of two errors alone, which favours the corrected model, reaches no such claim either.
+- An error is called `smaller` only where the interval of its change lies below zero. That the smaller of
+  two errors is taken favours the corrected model, but is not enough for this word.
 
-A part of the test runs that decides and another that reports would make both less sure, and would promise
-nothing on the part that reports.
+If some test runs decided and others reported, both would be less sure, and the error could still be larger
+on those that report.
 
-Bodies couple the joints. A joint whose noise falls by its name moves the bodies that it shares with others.
-What that changes at another joint is no reason against the name. Few parameters of a named body need not fit
-all joints: a payload without moments of inertia turns a distant axis too easily. A joint that a named body
-harms is given an inertia of its own before the body's name is withdrawn.
+Bodies couple the joints. A name that lowers a joint's noise gives this joint more weight in the fit of the
+bodies that it shares with others. What that changes at another joint is no reason against the name. The few
+parameters of a named body may not fit all joints: a payload without moments of inertia turns a distant axis
+too easily. A joint that a named body harms is given an inertia of its own before the body's name is
+withdrawn.
 """
 
 from collections.abc import Sequence

@@ -72,8 +72,8 @@ def close_loop(
 def draw_models(diagnosis: Diagnosis, stage: str, draws: int, seed: int) -> Iterator[RobotModel]:
     """Models of a stage, each as likely as the others.
 
-    A term of the model after has each name of its set as often as the others: its own, and those
-    ``equivalent`` to it, refitted. Parameters come from the joint distribution of that fit.
+    In the models after, a term has its own name and each ``equivalent`` one equally often. The model is
+    fitted again with it, and the parameters are drawn from the joint distribution of that fit.
 
     Parameters
     ----------

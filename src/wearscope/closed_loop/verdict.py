@@ -130,7 +130,7 @@ def summarise_joints(
     value = {stage: pooled_rms(parts[stage]) for stage in stages}
     interval = {stage: bootstrap_rms(parts[stage], rows, _SEED) for stage in stages}
     summary: dict[str, Any] = {}
-    # A gap splits a recording into several runs, which its file's errors are of together.
+    # A gap splits a recording into several runs; the errors of a file are those of all of them together.
     by_file: dict[str, list[Predicted]] = {}
     for p in test:
         by_file.setdefault(p.run.file, []).append(p)

@@ -4,11 +4,11 @@ import json
 
 import pandas as pd
 import pytest
+from folders import fit_problem
 
 from wearscope.closed_loop.diagnostics import forward
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.correction import make_corrected_model
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import SimulationError
@@ -16,38 +16,28 @@ from wearscope.simulation.forward import simulate_forward
 
 
 @pytest.fixture
-def fit_declared(pose):
-    """Prepared data of a folder, its layout, and the declared model fitted to it."""
-
-    def fit(folder):
-        problem = pose(folder)
-        layout = problem.layout
-        model = fit_declared_model(problem.prepared, problem.declared_terms, problem.inertial, layout.blocks)
-        return problem.prepared, layout, model
-
-    return fit
+def made(record, pose):
+    """Prepared data of two runs, and the declared model fitted to them as a model of each stage."""
+    problem = pose(record(runs=2, duration=6.0))
+    model, prepared = fit_problem(problem), problem.prepared
+    found = estimate(model)
+    stages = ("before", "after")
+    return prepared, {stage: make_corrected_model(prepared, model, found, stage) for stage in stages}
 
 
-def models_of(prepared, model):
-    made = estimate(model)
-    return {stage: make_corrected_model(prepared, model, made, stage) for stage in ("before", "after")}
-
-
-def test_failed_simulation_is_said_and_leaves_no_numbers(record, fit_declared, monkeypatch):
-    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
-    models = models_of(prepared, model)
+def test_failed_simulation_is_said_and_leaves_no_numbers(made, monkeypatch):
 
     def fail(simulated, *args, **kwargs):
         raise SimulationError(f"{simulated.name} fell over.")
 
     monkeypatch.setattr("wearscope.simulation.forward.simulate_forward", fail)
-    summary = forward.compare_forward(prepared, models)
+    summary = forward.compare_forward(*made)
     assert summary["outcome"].str.contains("fell over").all()
     assert summary[["torque_rms", "motion_rms", "torque_rms_low"]].isna().all(axis=None)
 
 
-def test_the_effect_that_stops_a_simulation_is_named(record, fit_declared, monkeypatch):
-    prepared, _, model = fit_declared(record(runs=2, duration=6.0))
+def test_the_effect_that_stops_a_simulation_is_named(made, monkeypatch):
+    prepared, models = made
 
     def fail(simulated, *args, **kwargs):
         if any((one.effect, one.joint) == ("viscous", "b") for one in simulated.effects):
@@ -55,7 +45,6 @@ def test_the_effect_that_stops_a_simulation_is_named(record, fit_declared, monke
         return simulate_forward(simulated, *args, **kwargs)
 
     monkeypatch.setattr("wearscope.simulation.forward.simulate_forward", fail)
-    models = models_of(prepared, model)
     effects = models["before"].to_mapping()["effects"]
     bare = [one for one in effects if (one["effect"], one["joint"]) != ("viscous", "b")]
     said = forward.compare_forward(prepared, models | {"before": models["before"].replace(effects=bare)})
@@ -73,12 +62,7 @@ def test_whole_examination_on_a_small_data_set(record, tmp_path):
     said = []
     verdict = close_loop(folder, out, policy=Policy(flips=499), progress=said.append)
     tables = {path.stem for path in out.glob("*.parquet")}
-    expected = {
-        "signals",
-        "forward",
-        "profiles",
-    }
-    assert tables == expected | {"residual", "candidates"}
+    assert tables == {"signals", "forward", "profiles", "residual", "candidates"}
     assert json.loads((out / "verdict.json").read_text()) == verdict
     assert any("forward simulation" in line for line in said)
     residual, signals = (pd.read_parquet(out / f"{name}.parquet") for name in ("residual", "signals"))

@@ -57,11 +57,6 @@ def test_noise_has_no_line(kind, runs):
     assert min(line.p_value for line in found) > 1e-4
 
 
-def test_too_little_is_nothing():
-    assert find_line([np.ones(600), np.ones(99)], RATE) is None
-    assert find_line([], RATE) is None
-
-
 def test_the_power_that_a_sine_holds_is_what_least_squares_gives():
     x, frequencies = np.random.default_rng(3).standard_normal(ROWS), np.linspace(0.1, 4.0, 600)
     held = hold_waves(T, x, frequencies)
@@ -128,13 +123,15 @@ def test_noise_and_what_changes_smoothly_have_no_moment(kind):
         assert shift.deviance < 25.0 or shift.share < 0.2, (seed, shift)
 
 
-def test_too_little_has_no_shift():
-    assert fit_shift(MOMENTS[:99], np.where(MOMENTS[:99] > 2.0, 1.0, 0.0)) is None
-    assert fit_shift(MOMENTS, np.zeros_like(MOMENTS)) is None
-
-
 def test_a_step_without_noise_is_itself():
     shift = fit_shift(MOMENTS, np.where(MOMENTS >= 12.0, 3.0, 0.0))
     assert shift.time == pytest.approx(12.0, abs=0.2)
     assert shift.size == pytest.approx(3.0)
     assert shift.share == pytest.approx(1.0)
+
+
+def test_too_little_is_nothing():
+    assert find_line([np.ones(600), np.ones(99)], RATE) is None
+    assert find_line([], RATE) is None
+    assert fit_shift(MOMENTS[:99], np.where(MOMENTS[:99] > 2.0, 1.0, 0.0)) is None
+    assert fit_shift(MOMENTS, np.zeros_like(MOMENTS)) is None

@@ -42,8 +42,8 @@ def rivalry(diagnosis):
 
 
 def test_evidence_is_what_least_squares_leaves(rivalry):
-    """The contrast from sums is that of a fit of the rival and the model to the other's torque, row "
-    "by row."""
+    """The contrast from sums is that of a fit of the rival and the model to the other's torque, row
+    by row."""
     p = len(rivalry.base)
     x = np.concatenate([part.reshape(-1, part.shape[2]) for _, part in rivalry.recorded.parts])
     for true, model in ((0, 1), (1, 0)):

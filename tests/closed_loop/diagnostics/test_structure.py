@@ -161,25 +161,22 @@ def test_what_is_periodic_in_time_is_said_with_its_frequency(judge):
     assert a.unexplained_rms == pytest.approx(2.0 / np.sqrt(2.0), rel=0.15)
 
 
-def test_a_slow_line_within_noise_is_said_where_the_runs_have_it_in_common(judge):
-    def wave(t, q, v, a, rng):
+@pytest.mark.parametrize(
+    ("form", "told"),
+    [
+        (lambda t, rng: 1.2 * np.sin(2.0 * t + rng.uniform(0.0, 6.0)), r"a line at 0\.3[0-9]* Hz in time"),
+        (lambda t, rng: 3.0 * (t > rng.uniform(0.3, 0.7) * t[-1]), "its level shifts at a moment"),
+    ],
+    ids=["a slow line", "a step"],
+)
+def test_what_is_within_noise_is_said_where_the_runs_have_it_in_common(judge, form, told):
+    def torque(t, q, v, a, rng):
         noise = coloured(t, q, v, a, rng)
-        return noise + np.outer(1.2 * noise[:, 0].std() * np.sin(2.0 * t + rng.uniform(0.0, 6.0)), [1.0, 0.0])
+        return noise + np.outer(noise[:, 0].std() * form(t, rng), [1.0, 0.0])
 
-    a, b = judge(wave, 63)
+    a, b = judge(torque, 63)
     assert (a.state, a.depends_on) == ("unexplained", ["t"])
-    assert re.search(r"a line at 0\.3[0-9]* Hz in time", a.reason)
-    assert b.state == "explained"
-
-
-def test_a_step_within_noise_is_said_with_its_moment(judge):
-    def sets_in(t, q, v, a, rng):
-        noise = coloured(t, q, v, a, rng)
-        return noise + np.outer(3.0 * noise[:, 0].std() * (t > rng.uniform(0.3, 0.7) * t[-1]), [1.0, 0.0])
-
-    a, b = judge(sets_in, 63)
-    assert (a.state, a.depends_on) == ("unexplained", ["t"])
-    assert "its level shifts at a moment" in a.reason
+    assert re.search(told, a.reason)
     assert b.state == "explained"
 
 

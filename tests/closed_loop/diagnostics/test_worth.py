@@ -3,14 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
+from folders import change_runs, fit_problem
 
 from wearscope.closed_loop import corrected
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.worth import measure_worth
-from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.prediction import bootstrap_change
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.posing import pose_problem
@@ -21,23 +20,11 @@ FAST = {"runs": 4, "duration": 8.0}
 RIPPLE = {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}
 
 
-def change(folder, run, edit):
-    path = folder / "runs" / f"r{run}.parquet"
-    table = pd.read_parquet(path)
-    edit(table)
-    table.to_parquet(path)
-
-
 def test_a_refuted_name_is_not_in_the_model_and_no_joint_is_worse(record, tmp_path):
     """The ripple of the test run has changed phase: adding it doubles the error there."""
     folder = record([(0, "torque_ripple", RIPPLE)], seed=3, **FAST)
-    angle = 20.0
-    change(
-        folder, 3,
-        lambda x: x.__setitem__(
-            "tau_a", x["tau_a"] - 2.0 * (np.cos(angle * x["q_a"]) + 0.8 * np.sin(angle * x["q_a"]))
-        ),
-    )  # fmt: skip
+    ripple = lambda q: np.cos(20.0 * q) + 0.8 * np.sin(20.0 * q)  # noqa: E731
+    change_runs(folder, lambda x: x.assign(tau_a=x["tau_a"] - 2.0 * ripple(x["q_a"])), use="test")
     found = diagnose(folder)
     (entry,) = found.verdict["verdict"]
     assert (entry["effect"], entry["status"], entry["in_model"]) == ("torque_ripple", "refuted", False)
@@ -57,9 +44,7 @@ def test_an_error_that_grows_speaks_against_names_that_act_on_that_joint(
     record, monkeypatch, effect, joint, is_kept
 ):
     """Bodies are shared: what a name at another joint changes through them is no reason against it."""
-    problem = pose_problem(record(seed=3, **FAST))
-    terms, blocks = problem.declared_terms, problem.layout.blocks
-    model = fit_declared_model(problem.prepared, terms, problem.inertial, blocks)
+    model = fit_problem(pose_problem(record(seed=3, **FAST)))
     grown, interval = np.array([0.0, 5.0]), np.array([[-1.0, 4.0], [1.0, 6.0]])
     monkeypatch.setattr(corrected, "bootstrap_change", lambda *_: (grown, interval))
     term = ModelTerm(load_effect(effect), joint, (10.0,) if effect == "torque_ripple" else (), (0,))
@@ -85,11 +70,7 @@ def test_noise_above_half_of_the_torque_is_not_judged(record):
     """Pure noise, 1.6 times the torque of a joint that carries next to nothing."""
     folder = record(seed=5, **FAST)
     rng = np.random.default_rng(1)
-    for run in range(4):
-        change(
-            folder, run,
-            lambda x: x.__setitem__("tau_b", x["tau_b"] + 60.0 * rng.standard_normal(len(x))),
-        )  # fmt: skip
+    change_runs(folder, lambda x: x.assign(tau_b=x["tau_b"] + 60.0 * rng.standard_normal(len(x))))
     joint = diagnose(folder).verdict["joints"]["b"]
     assert joint["left_percent"] > 50.0
     assert joint["state"] == "not_judged" and "record" in joint["reason"]
@@ -97,13 +78,9 @@ def test_noise_above_half_of_the_torque_is_not_judged(record):
 
 def test_a_declared_friction_that_would_drive_the_motion_is_zero_and_said(record, tmp_path):
     """The torque of joint a lacks its friction and more: the fit alone gives a negative level."""
-
-    def without_friction(x):
-        x["tau_a"] -= 10.0 * np.sign(np.gradient(x["q_a"], x["t"]))
-
     folder = record(seed=7, **FAST)
-    for run in range(4):
-        change(folder, run, without_friction)
+    friction = lambda x: 10.0 * np.sign(np.gradient(x["q_a"], x["t"]))  # noqa: E731
+    change_runs(folder, lambda x: x.assign(tau_a=x["tau_a"] - friction(x)))
     found = diagnose(folder)
     (told,) = [note for note in found.verdict["notes"] if "which no machine has" in note]
     assert told.startswith("a: the runs give coulomb level -")

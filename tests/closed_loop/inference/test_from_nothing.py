@@ -66,15 +66,11 @@ def test_approximate_inertials_are_refitted_whatever_is_declared(record, pose, d
     assert problem.inertial
     (bodies,) = [c for c in problem.base if c.candidate.effect.name == "rigid_body"]
     assert len(bodies.subset) == 20
-    trusted = pose_again(folder, pose, inertials="trusted")
+    with changed_fields(folder / "dataset.yaml") as fields:
+        fields["robot"]["inertials"] = "trusted"
+    trusted = pose(folder)
     assert not trusted.inertial
     assert not [c for c in trusted.base if c.candidate.effect.name == "rigid_body"]
-
-
-def pose_again(folder, pose, **robot):
-    with changed_fields(folder / "dataset.yaml") as fields:
-        fields["robot"] |= robot
-    return pose(folder)
 
 
 @pytest.mark.parametrize("warm", [True, False], ids=["temperature", "no_temperature"])

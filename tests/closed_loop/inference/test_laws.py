@@ -25,12 +25,7 @@ def eyring(level, speed):
 @pytest.mark.parametrize(
     ("level", "speed", "seed"),
     [(8.0, 0.15, 0), (15.0, 0.15, 2), (15.0, 0.4, 3), (2.0, 0.1, 0)],
-    ids=[
-        "hidden by a wide reversal",
-        "a Stribeck curve and a wide reversal",
-        "hidden, large",
-        "hidden but for a twentieth",
-    ],
+    ids=["hidden by a wide reversal", "as a Stribeck curve", "hidden, large", "hidden but for a twentieth"],
 )
 def test_a_law_of_another_form_that_rises_smoothly_from_rest_is_concave(record, level, speed, seed):
     diagnosis = diagnose(record([], seed=seed, extra_torque=eyring(level, speed)))

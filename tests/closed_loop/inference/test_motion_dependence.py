@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from noises import coloured, drift, heavy, slow, white
+from noises import coloured, drift, heavy, slow, turning, white
 from scipy import signal
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -21,13 +21,6 @@ def filter_past(x, t, memory):
 def fading(t, q, v, a, rng):
     """Friction by the speed of the last two seconds."""
     return np.column_stack([1.5 * np.sign(v[:, 0]) * filter_past(np.abs(v[:, 0]), t, 2.0), 0.0 * t])
-
-
-def turning(t, q, v, a, rng):
-    """A torque by the place where the joint last turned round."""
-    turned = np.concatenate([[False], (v[1:, 0] > 0.0) != (v[:-1, 0] > 0.0)])
-    last = np.maximum.accumulate(np.where(turned, np.arange(len(t)), 0))
-    return np.column_stack([q[last, 0], 0.0 * t])
 
 
 def dragging(t, q, v, a, rng):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from noises import turning
 from scipy.signal import lfilter
 
 from benchmarks.joints import Small
@@ -60,15 +61,13 @@ def test_a_drift_has_no_name(record, name_terms):
     assert name_terms(record(seed=4, runs=3, extra_torque=walk)) == set()
 
 
-def turning(t, q, v, a, rng):
+def turned(*given):
     """Six times the position at which the joint last turned round, which is much of the position."""
-    turned = np.concatenate([[False], (v[1:, 0] > 0.0) != (v[:-1, 0] > 0.0)])
-    last = np.maximum.accumulate(np.where(turned, np.arange(len(t)), 0))
-    return np.column_stack([6.0 * q[last, 0], 0.0 * t])
+    return 6.0 * turning(*given)
 
 
 def test_what_follows_the_last_turn_has_no_name(record):
-    verdict = diagnose(record(extra_torque=turning, seed=73, runs=3, duration=12.0)).verdict
+    verdict = diagnose(record(extra_torque=turned, seed=73, runs=3, duration=12.0)).verdict
     assert verdict["verdict"] == []
     assert verdict["joints"]["a"]["state"] == "unexplained"
     assert "q_a" in verdict["joints"]["a"]["depends_on"]
@@ -77,7 +76,7 @@ def test_what_follows_the_last_turn_has_no_name(record):
 def test_a_name_next_to_it_stays(record):
     """A spring that is larger; a balancer is as much like it."""
     planted = [(0, "joint_spring", {"stiffness": 20.0, "preload": 0.0})]
-    folder = record(planted, extra_torque=turning, seed=72, runs=4, duration=12.0)
+    folder = record(planted, extra_torque=turned, seed=72, runs=4, duration=12.0)
     verdict = diagnose(folder).verdict
     (named,) = verdict["verdict"]
     assert named["joint"] == "a"

@@ -70,12 +70,8 @@ def test_small_next_to_a_large_form_is_doubted_and_next_to_another_signal_is_not
     }.items():
         shutil.rmtree(tmp_path / "duo")
         _, score, model, _ = weigh(planted=[*small, (0, name, values)])
-        (large,) = [
-            o.term
-            for o in list_offers(model, [0], lambda e, _, n=name: e.name == n)
-            if len(o.term.subset) < 3
-        ][:1]
-        with_large = model.extend(large)
+        offers = list_offers(model, [0], lambda e, _, n=name: e.name == n)
+        with_large = model.extend(next(o.term for o in offers if len(o.term.subset) < 3))
         (offer,) = list_offers(with_large, [0], lambda effect, _: effect.name == "joint_spring")
         told[name] = score.compare(with_large, with_large.extend(offer.term))
     assert told["gravity_counterbalance"] < 0.0 < told["quadratic_viscous"]

@@ -4,19 +4,15 @@ import re
 
 import numpy as np
 import pytest
-from recorded_chain import Bench, chain, rub
+from recorded_chain import Bench, chain, rub, torque_of
+from urdf_texts import Joint, describe_robot
 
 from wearscope.closed_loop.diagnosis import diagnose
 
 
 def torque(factors, mass=1.0):
     """Chain of point masses with friction, each joint's torque in a unit of its own."""
-
-    def made(q, v, a, rng, t):
-        tau = chain(q, v, a, mass, 0.3) + rub(v, 0.25 * mass, 0.4 * mass)
-        return np.array(factors) * (tau + rng.normal(0, 0.02 * mass, q.shape))
-
-    return made
+    return torque_of(mass, 0.25 * mass, 0.4 * mass, noise=0.02 * mass, times=np.array(factors))
 
 
 @pytest.mark.parametrize(
@@ -77,8 +73,7 @@ def test_another_unit_and_a_delay_are_told_at_once(tmp_path, factor, delay):
         tau = torque((factor, 1.0), mass=1.2)(q, v, a, rng, t)
         return np.column_stack([np.interp(t - delay, t, x) for x in tau.T])
 
-    bench = Bench(tmp_path, 2, seconds=12.0)
-    bench.frequencies = (0.5, 1.1, 1.9, 2.7)
+    bench = Bench(tmp_path, 2, seconds=12.0, frequencies=(0.5, 1.1, 1.9, 2.7))
     text = bench.record(made).refuse()
     said = re.search(r"come (\d+) ms (late|early) .* in addition, 'tau_j1' is (\S+) times", text)
     assert said is not None
@@ -97,8 +92,7 @@ def test_a_strong_spring_is_no_other_mount_and_no_other_unit(tmp_path):
 
 def test_a_leg_that_walks_is_refused(tmp_path):
     """A foot's force on half of the time acts on all joints, and no joint has it for its own."""
-    bench = Bench(tmp_path, 3, seconds=9.0)
-    bench.frequencies = (0.4, 0.9, 1.3)
+    bench = Bench(tmp_path, 3, seconds=9.0, frequencies=(0.4, 0.9, 1.3))
 
     def walk(q, v, a, rng, t):
         angle = np.cumsum(q, axis=1)
@@ -109,18 +103,13 @@ def test_a_leg_that_walks_is_refused(tmp_path):
     assert "as where the base moves or something is touched" in bench.record(walk).refuse()
 
 
-SLIDE = """<robot name="slide"><link name="base"/><link name="l1"><inertial><mass value="{mass}"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="prismatic"><parent link="base"/><child link="l1"/><axis xyz="1 0 0"/>
-<limit lower="-2" upper="2" effort="900" velocity="9"/></joint></robot>"""
-
-
 @pytest.mark.parametrize(("mass", "factor"), [(60.0, -1000.0), (3.0, -12.0)])
 def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_path, mass, factor):
     """A level slide: the drive's inertia and the carriage's need the same force."""
-    bench = Bench(tmp_path, 1, seconds=9.0)
-    bench.frequencies = (0.5, 1.1, 1.9)
-    (tmp_path / "arm.urdf").write_text(SLIDE.format(mass=mass))
+    bench = Bench(tmp_path, 1, seconds=9.0, frequencies=(0.5, 1.1, 1.9))
+    (tmp_path / "arm.urdf").write_text(
+        describe_robot(Joint("j1", "1 0 0", mass, kind="prismatic", limits="-2 2 900 9"))
+    )
     bench.record(
         lambda q, v, a, rng, t: factor * mass * (a + rub(v, 2.0, 1.0) + rng.normal(0, 0.05, q.shape))
     )
@@ -147,9 +136,11 @@ def test_a_factor_of_all_torques_is_noted_and_limits_the_verdict(tmp_path, n, fa
     assert told == {f"j{k + 1}": pytest.approx(factor, rel=0.1) for k in range(n)}
 
 
-def test_torques_of_the_stated_masses_have_no_factor(tmp_path):
-    notes = Bench(tmp_path, 3, seconds=9.0).record(torque((1.0, 1.0, 1.0), mass=1.2)).accept()
-    assert not any("times what the stated bodies need" in one for one in notes)
+@pytest.mark.parametrize(("n", "mass", "told"), [(3, 1.2, False), (2, 1.8, True)])
+def test_masses_that_are_all_off_are_no_torque_constant(tmp_path, n, mass, told):
+    """Masses and torque constants that are off alike cannot be told apart, which is said."""
+    notes = Bench(tmp_path, n, seconds=9.0).record(torque([1.0] * n, mass=mass)).accept()
+    assert any("times what the stated bodies need" in one for one in notes) == told
 
 
 def test_a_spring_that_the_model_lacks_is_no_torque_constant(tmp_path):
@@ -160,12 +151,6 @@ def test_a_spring_that_the_model_lacks_is_no_torque_constant(tmp_path):
         )
     )
     assert not any("times what the stated bodies need" in one for one in bench.accept())
-
-
-def test_masses_that_are_all_off_are_no_torque_constant(tmp_path):
-    """Masses and torque constants that are off alike cannot be told apart, which is said."""
-    notes = Bench(tmp_path, 2, seconds=9.0).record(torque((1.0, 1.0), mass=1.8)).accept()
-    assert any("times what the stated bodies need" in one for one in notes)
 
 
 @pytest.mark.slow

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-from folders import fit_problem
+from folders import change_runs, fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.status import mark_terms
@@ -24,11 +23,8 @@ def tested(record):
     def make(factor):
         planted = {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}
         folder = record([(0, "torque_ripple", planted)], seed=3, runs=4, duration=8.0)
-        path = folder / "runs" / "r3.parquet"
-        table = pd.read_parquet(path)
-        angle = 20.0 * table["q_a"]
-        table["tau_a"] += (factor - 1.0) * (np.cos(angle) + 0.8 * np.sin(angle))
-        table.to_parquet(path)
+        ripple = lambda q: (factor - 1.0) * (np.cos(20.0 * q) + 0.8 * np.sin(20.0 * q))  # noqa: E731
+        change_runs(folder, lambda x: x.assign(tau_a=x["tau_a"] + ripple(x["q_a"])), use="test")
         return folder
 
     return make

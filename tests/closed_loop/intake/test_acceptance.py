@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 import yaml
+from changed_fields import changed_fields
 from folders import change_runs, check, scale
 
 from wearscope.closed_loop.intake.acceptance import Acceptance, list_codes
@@ -17,12 +18,16 @@ def arm(record_at, tmp_path_factory):
     return record_at(tmp_path_factory.mktemp("arm") / "d", runs=3, duration=8.0, seed=3, rate=100.0)
 
 
+@pytest.fixture
+def folder(arm, tmp_path):
+    return shutil.copytree(arm, tmp_path / "d")
+
+
 def edit(folder, change=None, **fields):
-    path = folder / "dataset.yaml"
-    document = yaml.safe_load(path.read_text())
     if change:
         change_runs(folder, change)
-    path.write_text(yaml.safe_dump(document | fields))
+    with changed_fields(folder / "dataset.yaml") as document:
+        document.update(fields)
 
 
 def exchange(a, b):
@@ -66,8 +71,7 @@ def take_line(text):
 
 
 @pytest.mark.parametrize("code", FAULTS)
-def test_the_line_that_a_refusal_says_is_enough(arm, tmp_path, code):
-    folder = shutil.copytree(arm, tmp_path / "d")
+def test_the_line_that_a_refusal_says_is_enough(folder, code):
     edit(folder, FAULTS[code])
     said = []
     for _ in range(6):
@@ -89,8 +93,7 @@ def test_the_line_that_a_refusal_says_is_enough(arm, tmp_path, code):
 @pytest.mark.parametrize(
     ("factor", "code"), [(1 / 64, "gain"), pytest.param(-1.0, "sign", marks=pytest.mark.slow)]
 )
-def test_accepted_data_are_taken_as_they_are(arm, tmp_path, factor, code):
-    folder = shutil.copytree(arm, tmp_path / "d")
+def test_accepted_data_are_taken_as_they_are(arm, folder, factor, code):
     edit(folder, scale("tau_b", factor), accept=[f"{code} tau_b"])
     as_it_is, scaled = check(arm), check(folder)
     for run, other in zip(as_it_is.runs, scaled.runs, strict=True):
@@ -101,8 +104,7 @@ def test_accepted_data_are_taken_as_they_are(arm, tmp_path, factor, code):
         np.testing.assert_array_equal(other.measured[:, 0], run.measured[:, 0])
 
 
-def test_what_is_accepted_in_vain_is_noted_and_what_is_no_refusal_is_refused(arm, tmp_path):
-    folder = shutil.copytree(arm, tmp_path / "d")
+def test_what_is_accepted_in_vain_is_noted_and_what_is_no_refusal_is_refused(folder):
     edit(folder, accept=["degrees q_a"])
     assert any("'degrees q_a' overrules nothing" in note for note in check(folder).notes)
     edit(folder, accept=["degres q_a"])
@@ -110,8 +112,7 @@ def test_what_is_accepted_in_vain_is_noted_and_what_is_no_refusal_is_refused(arm
         check(folder)
 
 
-def test_what_cannot_be_right_is_refused_whatever_is_accepted(arm, tmp_path):
-    folder = shutil.copytree(arm, tmp_path / "d")
+def test_what_cannot_be_right_is_refused_whatever_is_accepted(folder):
     edit(folder, accept=list(list_codes(["a", "b"], [])))
 
     def break_row(table):
@@ -123,8 +124,7 @@ def test_what_cannot_be_right_is_refused_whatever_is_accepted(arm, tmp_path):
         check(folder)
 
 
-def test_copy_may_be_accepted(arm, tmp_path):
-    folder = shutil.copytree(arm, tmp_path / "d")
+def test_copy_may_be_accepted(folder):
     runs = yaml.safe_load((folder / "dataset.yaml").read_text())["runs"]
     shutil.copyfile(folder / runs[0]["file"], folder / runs[2]["file"])
     with pytest.raises(InputError) as caught:
@@ -142,9 +142,8 @@ def test_the_line_keeps_what_was_accepted_before_and_any_name():
 
 
 @pytest.mark.parametrize(("size", "reach"), [(0.02, 3.0), (0.3, 1.0)])
-def test_joints_full_of_friction_under_an_overstated_body_are_believed(arm, tmp_path, size, reach):
+def test_joints_full_of_friction_under_an_overstated_body_are_believed(folder, size, reach):
     """Any smaller rigid body explains such a joint, not just that of positions in degrees or turned axes."""
-    folder = shutil.copytree(arm, tmp_path / "d")
 
     def rub(table):
         for joint in "ab":

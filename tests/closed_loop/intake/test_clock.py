@@ -18,30 +18,29 @@ def make_run(t):
     return Run("r.parquet", "train", t - t[0], x, 3 * x, None, None, None, start=float(t[0]))
 
 
+#: The log of a published arm's controller: 10, 10, 12 ms.
+STEPS = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
+
+
 @pytest.mark.parametrize("rate", [100.0, 93.75, 93.6])
 def test_a_clock_of_two_steps_has_either_rate(rate):
-    """The log of a published arm's controller: 10, 10, 12 ms."""
-    t = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
-    check_clock("f", t, rate)
-    uniform = resample(make_run(t), rate)
+    check_clock("f", STEPS, rate)
+    uniform = resample(make_run(STEPS), rate)
     np.testing.assert_allclose(np.diff(uniform.t), 1 / rate)
-    assert np.abs(uniform.q[:, 0] - np.sin(2 * np.pi * 0.5 * (uniform.t + t[0]))).max() < 5e-4
+    assert np.abs(uniform.q[:, 0] - np.sin(2 * np.pi * 0.5 * (uniform.t + STEPS[0]))).max() < 5e-4
 
 
 @pytest.mark.parametrize("rate", [97.0, 90.0])
 def test_a_clock_that_is_a_bit_off_is_noted(rate):
-    t = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
-    (note,) = check_clock("f", t, rate)
+    (note,) = check_clock("f", STEPS, rate)
     assert f"recorded at 93.75 Hz and brought to {rate:g} Hz" in note
 
 
 @pytest.mark.parametrize("rate", [60.0, 50.0])
 def test_a_clock_of_another_rate_is_refused(rate):
-    t = np.cumsum(np.resize([0.010, 0.010, 0.012], 2000))
-    with pytest.raises(
-        InputError, match=r"which is 100 Hz \(93\.75\d* Hz on average\), where sample_rate says"
-    ):
-        check_clock("f", t, rate)
+    told = r"which is 100 Hz \(93\.75\d* Hz on average\), where sample_rate says"
+    with pytest.raises(InputError, match=told):
+        check_clock("f", STEPS, rate)
 
 
 def test_a_few_lost_samples_are_interpolated_and_marked():

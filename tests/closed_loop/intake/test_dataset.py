@@ -138,9 +138,10 @@ def test_fields_of_other_makers_are_kept_out_and_said(folder):
     assert any("runs[0]: field 'operator'" in note for note in notes)
 
 
-def test_numbers_serve_as_names(folder):
-    folder.document["name"] = 2024
-    assert folder.write().read().name == "2024"
+@pytest.mark.parametrize(("name", "told"), [(2024, "2024"), (date(2024, 5, 1), "2024-05-01")])
+def test_numbers_and_dates_serve_as_names(folder, name, told):
+    folder.document["name"] = name
+    assert folder.write().read().name == told
 
 
 FIELDS = {
@@ -288,28 +289,6 @@ def test_a_mark_of_utf_8_and_a_decimal_comma_are_read(folder):
     assert run.q == pytest.approx(folder.train[["q_j1", "q_j2"]].to_numpy(), rel=1e-12)
 
 
-def test_a_field_that_stands_twice_is_refused(folder):
-    folder.write()
-    file = folder.path / "dataset.yaml"
-    file.write_text(file.read_text() + "runs:\n- {file: runs/b.parquet, use: train}\n")
-    with pytest.raises(
-        InputError, match=r"dataset\.yaml: not readable as YAML \(line \d+, .*'runs' stands twice"
-    ):
-        folder.read()
-
-
-def test_another_ending_of_the_file_s_name_is_told(folder):
-    folder.write()
-    (folder.path / "dataset.yaml").rename(folder.path / "dataset.yml")
-    with pytest.raises(InputError, match=r"rename dataset\.yml to dataset\.yaml"):
-        folder.read()
-
-
-def test_a_date_is_a_name(folder):
-    folder.document["name"] = date(2024, 5, 1)
-    assert folder.write().read().name == "2024-05-01"
-
-
 @pytest.mark.parametrize(
     "copied",
     [
@@ -333,49 +312,53 @@ def test_the_same_motion_recorded_twice_is_no_repeat(folder):
     assert len(folder.write().read().runs) == 2
 
 
-def test_truncated_parquet_is_refused(folder):
+@pytest.mark.parametrize(
+    ("file", "content", "told"),
+    [
+        ("runs/a.parquet", make_table(1).to_parquet()[:900],
+         r"a\.parquet: cannot be read whole .*copy the file again, or make it again\.$"),
+        ("dataset.yaml", b"name: [unclosed", r"dataset\.yaml: not readable as YAML .*line"),
+        ("dataset.yaml", b"- just\n- a list\n", "holds no fields"),
+        ("dataset.yaml", b"runs: []\nruns: []\n",
+         r"dataset\.yaml: not readable as YAML \(line \d+, .*'runs' stands twice"),
+        ("robot.urdf", make_urdf()[:200].encode(), r"robot\.urdf.*not well-formed XML"),
+    ],
+    ids=["truncated", "unclosed", "a list", "a field twice", "half a URDF"],
+)  # fmt: skip
+def test_broken_files_are_refused(folder, file, content, told):
     folder.write()
-    file = folder.path / "runs/a.parquet"
-    file.write_bytes(file.read_bytes()[:900])
-    with pytest.raises(
-        InputError, match=r"a\.parquet: cannot be read whole .*copy the file again, or make it again\.$"
-    ):
+    (folder.path / file).write_bytes(content)
+    with pytest.raises(InputError, match=told):
         folder.read()
 
 
-def test_broken_yaml_and_missing_folder_are_refused(folder):
+def test_a_file_of_another_name_and_a_missing_folder_are_refused(folder):
     folder.write()
-    (folder.path / "dataset.yaml").write_text("name: [unclosed", encoding="utf-8")
-    with pytest.raises(InputError, match=r"dataset\.yaml: not readable as YAML .*line"):
-        folder.read()
-    (folder.path / "dataset.yaml").write_text("- just\n- a list\n", encoding="utf-8")
-    with pytest.raises(InputError, match="holds no fields"):
+    (folder.path / "dataset.yaml").rename(folder.path / "dataset.yml")
+    with pytest.raises(InputError, match=r"rename dataset\.yml to dataset\.yaml"):
         folder.read()
     shutil.rmtree(folder.path)
     with pytest.raises(InputError, match=re.escape(str(folder.path / "dataset.yaml"))):
         folder.read()
 
 
-def test_broken_urdf_is_refused(folder):
-    folder.urdf = folder.urdf[:200]
-    refuse(folder, "robot.urdf", "not well-formed XML")
-
-
-def test_prismatic_joints_need_their_units(folder):
-    folder.urdf = make_urdf(("prismatic", "prismatic"))
-    refuse(folder, "units say q: rad, tau: N m, but joint 'j1' is prismatic", "m and N")
+@pytest.mark.parametrize(
+    ("kinds", "units", "told"),
+    [
+        (["prismatic"] * 2, {}, "units say q: rad, tau: N m, but joint 'j1' is prismatic; .*m and N"),
+        (["prismatic", "revolute"], {"q": ["rad", "m"], "tau": ["N m", "N"]}, "joint 'j1' is prismatic"),
+    ],
+)
+def test_prismatic_joints_need_their_units(folder, kinds, units, told):
+    folder.urdf = make_urdf(kinds)
+    folder.document |= {"units": units} if units else {}
+    assert re.search(told, refuse(folder))
 
 
 def test_mixed_joints_take_units_by_joint(folder):
     folder.urdf = make_urdf(("prismatic", "revolute"))
     folder.document["units"] = {"q": ["m", "rad"], "tau": ["N", "N m"]}
     assert folder.write().read().position_unit == ["m", "rad"]
-
-
-def test_mixed_joints_with_exchanged_units_are_refused(folder):
-    folder.urdf = make_urdf(("prismatic", "revolute"))
-    folder.document["units"] = {"q": ["rad", "m"], "tau": ["N m", "N"]}
-    refuse(folder, "joint 'j1' is prismatic")
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,13 @@
 """Fast recordings are thinned without a trace in the rows, and memory does not grow with the rate."""
 
 import numpy as np
-import pandas as pd
 import pytest
-import yaml
+from changed_fields import changed_fields
+from folders import change_runs, read_prepared
 from scipy import interpolate
 
 from wearscope.closed_loop.intake import filtering
-from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import choose_factor, decimate
-from wearscope.closed_loop.intake.preprocessing import prepare
-from wearscope.closed_loop.posing import find_prismatic
 
 RATE = 1000.0
 
@@ -40,25 +37,27 @@ def test_a_single_channel_and_no_thinning_at_all():
     np.testing.assert_allclose(decimate(x, 3), decimate(x[:, None], 3)[:, 0])
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0, 250.0, 499.0])
-def test_slow_recordings_stay_as_they_are(rate):
-    assert choose_factor(rate, 5.0, 2.0) == 1
-
-
-def test_fast_recordings_keep_what_the_filters_need():
-    assert choose_factor(1000.0, 30.0, 10.0) == 4
-    assert choose_factor(1000.0, 30.0, 24.0) == 2
-    assert choose_factor(1000.0, 118.0, 39.0) == 1
-    assert choose_factor(4000.0, 30.0, 10.0) == 16
+@pytest.mark.parametrize(
+    ("rate", "motion", "torque", "factor"),
+    [
+        *((rate, 5.0, 2.0, 1) for rate in (50.0, 100.0, 250.0, 499.0)),
+        (1000.0, 30.0, 10.0, 4),
+        (1000.0, 30.0, 24.0, 2),
+        (1000.0, 118.0, 39.0, 1),
+        (4000.0, 30.0, 10.0, 16),
+    ],
+)
+def test_slow_recordings_stay_and_fast_ones_keep_what_the_filters_need(rate, motion, torque, factor):
+    assert choose_factor(rate, motion, torque) == factor
 
 
 def test_rows_are_those_of_the_full_rate(record, monkeypatch):
     """Rows of the thinned run against the same filters at the full rate, at the same times."""
     folder = record(runs=3, rate=RATE)
-    thin = prepare(read_dataset(folder, find_prismatic))
+    thin = read_prepared(folder)
     assert thin.band.rate < 0.5 * RATE and any("are kept after the filters" in note for note in thin.notes)
     monkeypatch.setattr(filtering, "_LEAST_RATE", 1e9)
-    full = prepare(read_dataset(folder, find_prismatic))
+    full = read_prepared(folder)
     assert full.band.rate == RATE
     assert full.band.torque == pytest.approx(thin.band.torque, rel=0.1)
     for a, b in zip(full.runs, thin.runs, strict=True):
@@ -76,7 +75,7 @@ def test_rows_are_those_of_the_full_rate(record, monkeypatch):
 
 def test_memory_does_not_grow_with_the_rate(record):
     folder = record(runs=3, rate=RATE)
-    prepared = prepare(read_dataset(folder, find_prismatic))
+    prepared = read_prepared(folder)
     assert sum(len(run.tau) for run in prepared.runs) <= 3 * 12.0 * prepared.band.rate + 3
     assert prepared.band.rate <= 2 * max(250.0, 20 * prepared.band.torque)
 
@@ -85,12 +84,10 @@ def test_memory_does_not_grow_with_the_rate(record):
 def test_further_channels_come_with_the_torque(record, rate):
     """A motor current that is the torque over a constant has the torque's rows over that constant."""
     folder = record(runs=3, rate=rate)
-    fields = yaml.safe_load((folder / "dataset.yaml").read_text())
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields | {"channels": {"current_a": "A"}}))
-    for run in fields["runs"]:
-        table = pd.read_parquet(folder / run["file"])
-        table.assign(current_a=table["tau_a"] / 4.0).to_parquet(folder / run["file"], index=False)
-    for run in prepare(read_dataset(folder, find_prismatic)).runs:
+    with changed_fields(folder / "dataset.yaml") as fields:
+        fields["channels"] = {"current_a": "A"}
+    change_runs(folder, lambda table: table.assign(current_a=table["tau_a"] / 4.0))
+    for run in read_prepared(folder).runs:
         current = run.signals.channels["current_a"]
         assert current.shape == (len(run.tau),)
         np.testing.assert_allclose(run.reduce(current), run.measured[:, 0] / 4.0, rtol=1e-9, atol=1e-9)

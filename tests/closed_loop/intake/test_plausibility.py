@@ -1,6 +1,5 @@
 """Columns that are not what they are said to be are refused with the right remedy; good data never are."""
 
-import os
 import re
 import shutil
 from dataclasses import replace
@@ -10,24 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from changed_fields import changed_fields
-from folders import change_runs, check, scale
+from changed_fields import changed_fields, write_fields
+from folders import change_runs, check, find_real, plan, read_prepared, scale
 
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
-from wearscope.closed_loop.intake.dataset import read_dataset
-from wearscope.closed_loop.intake.preprocessing import prepare
+from benchmarks.board.recipe import Planted, Recipe
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
 from wearscope.closed_loop.intake.traits.score import Weighing
-from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "points", 1, 31.0),
-    RunPlan("test", "sweep", 2, 40.0),
-)
+PLANS = plan(("fourier", 24.0), ("points", 31.0), ("sweep", 40.0))
 GRAVITY, MASS, LENGTH, MOMENT, RATE = 9.81, 4.0, 0.5, 0.3, 200.0
 PENDULUM = f"""<robot name="pendulum"><link name="base"/>
   <link name="rod"><inertial><origin xyz="0 0 {-LENGTH}"/><mass value="{MASS}"/>
@@ -68,15 +60,7 @@ def swing(folder: Path, size: float, friction: float = 1.0, further=lambda q, v:
         table = {"t": t, "q_pivot": q + 1e-6 * rng.normal(size=len(t)), "tau_pivot": tau}
         pd.DataFrame(table).to_parquet(folder / f"runs/{k}.parquet", index=False)
         listed.append({"file": f"runs/{k}.parquet", "use": "train" if k < runs - 1 else "test"})
-    fields = {
-        "name": "pendulum",
-        "robot": {"urdf": "robot.urdf", "joints": ["pivot"]},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "coulomb", "viscous"],
-        "runs": listed,
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields))
-    return folder
+    return write_fields(folder, ["pivot"], RATE, listed, ["rigid_body", "coulomb", "viscous"])
 
 
 def slow(*case):
@@ -324,7 +308,7 @@ def test_gravity_that_a_controllers_own_model_took_out_is_told(tmp_path, off, kn
     folder = tmp_path / "d"
     generate_dataset(folder, "arm3", [Planted("stribeck", "waist", 8.0)], 3, recipe)
     joints = yaml.safe_load((folder / "dataset.yaml").read_text())["robot"]["joints"]
-    body = prepare(read_dataset(folder, find_prismatic)).runs[0].signals.rigid_body
+    body = read_prepared(folder).runs[0].signals.rigid_body
     body = body if known else body.with_payload(None)
 
     def take_out(table):
@@ -340,13 +324,10 @@ def test_gravity_that_a_controllers_own_model_took_out_is_told(tmp_path, off, kn
     )
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
-    """On a vertical slide it is an offset, which a fit has at any size; what is there of it is said."""
-    weight = share * MASS * GRAVITY
-    folder = swing(tmp_path / "p", 1.0)
+def raise_slide(folder, weight, mass=MASS):
+    """Turn the recordings into those of a vertical slide that carries a weight [N], with a link of a mass."""
     slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)
-    (folder / "robot.urdf").write_text(slide)
+    (folder / "robot.urdf").write_text(slide.replace(f'mass value="{MASS}"', f'mass value="{mass}"'))
 
     def lift(table):
         v = np.gradient(table["q_pivot"], 1.0 / RATE)
@@ -354,6 +335,14 @@ def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
 
     change_runs(folder, lift)
     change_fields(folder, lambda fields: fields.update(units={"q": "m", "tau": "N"}))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
+    """On a vertical slide it is an offset, which a fit has at any size; what is there of it is said."""
+    weight = share * MASS * GRAVITY
+    folder = swing(tmp_path / "p", 1.0)
+    raise_slide(folder, weight)
     told = [note for note in check(folder).notes if "of the weight that the stated bodies have" in note]
     assert bool(told) == (share < 0.5)
     if told:
@@ -365,23 +354,10 @@ def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
 def test_a_light_link_s_weight_is_not_missed_next_to_its_payload_s(tmp_path):
     """Less than the link's own weight is missing, of a torque that the payload's makes."""
     folder = swing(tmp_path / "p", 1.0)
-    slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)
-    slide, count = re.subn(r'mass value="[^"]*"', f'mass value="{0.02 * MASS}"', slide)
-    assert count
-    (folder / "robot.urdf").write_text(slide)
-
-    def lift(table):
-        v = np.gradient(table["q_pivot"], 1.0 / RATE)
-        weight = 0.985 * MASS * GRAVITY
-        return table.assign(tau_pivot=MASS * np.gradient(v, 1.0 / RATE) + 3.0 * np.sign(v) + weight)
-
-    def load(fields):
-        fields.update(units={"q": "m", "tau": "N"})
+    raise_slide(folder, 0.985 * MASS * GRAVITY, 0.02 * MASS)
+    with changed_fields(folder / "dataset.yaml") as fields:
         for run in fields["runs"]:
             run["payload"] = {"mass": 0.98 * MASS, "com": [0.0, 0.0, 0.0]}
-
-    change_runs(folder, lift)
-    change_fields(folder, load)
     assert not [note for note in check(folder).notes if "of the weight that" in note]
 
 
@@ -413,11 +389,7 @@ def test_a_joint_that_is_really_held_is_believed(tmp_path):
     text = (folder / "robot.urdf").read_text()
     link = text[text.index('<link name="rod">') : text.index("</link>") + 7].replace("rod", "tool")
     joint = '<joint name="held" type="continuous"><parent link="rod"/><child link="tool"/></joint>'
-    light = (
-        link.replace(f'value="{MASS}"', 'value="1e-3"')
-        .replace(f'"{MOMENT}"', '"1e-4"')
-        .replace('"0.1"', '"1e-4"')
-    )
+    light = re.sub(rf'"({MASS}|{MOMENT}|0\.1)"', '"1e-4"', link)
     (folder / "robot.urdf").write_text(text.replace("</robot>", f"{light}{joint}</robot>"))
     rng = np.random.default_rng(1)
     change_runs(folder, lambda t: t.assign(q_held=0.0, tau_held=0.3 * rng.normal(size=len(t))))
@@ -440,15 +412,10 @@ def test_good_data_are_never_refused(tmp_path, robot, seed):
         check(tmp_path / f"d{k}")
 
 
-DATA = Path(os.environ.get("WEARSCOPE_DATA", Path(__file__).parents[4] / "shared" / "data"))
-
-
 @pytest.mark.parametrize("name", ["emps", "kr300"])
 def test_real_machines_are_believed(name):
     """Bodies that are off may be noted: on KR300 a diagnosis names and confirms a payload error."""
-    if not (DATA / name).is_dir():
-        pytest.skip(f"needs {name} in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
-    prepared = check(DATA / name)
+    prepared = check(find_real(name))
     assert prepared.moving.all()
     assert not any(re.search("at a limit|cut off|times as large", note) for note in prepared.notes)
 
@@ -457,15 +424,8 @@ def test_real_machines_are_believed(name):
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_real_machine_with_positions_of_another_scale_is_told(tmp_path, factor):
     """Its balancer is not in the model."""
-    if not (DATA / "kr300").is_dir():
-        pytest.skip("needs kr300 in WEARSCOPE_DATA or ../shared/data (docs/measured-data.md says whence)")
-    folder = shutil.copytree(DATA / "kr300", tmp_path / "kr300")
-
-    def scale(table):
-        moved = [name for name in table if name.startswith("q")]
-        return table.assign(**{name: factor * table[name] for name in moved})
-
-    change_runs(folder, scale)
+    folder = shutil.copytree(find_real("kr300"), tmp_path / "kr300")
+    change_runs(folder, lambda table: table.assign(**factor * table.filter(regex="^q")))
     with pytest.raises(InputError, match="fit the URDF where multiplied by") as caught:
         check(folder)
     told = re.search(r"multiplied by (\S+), as turns", str(caught.value))

@@ -89,14 +89,18 @@ def test_what_holds_a_joint_at_rest_is_replaced_by_what_it_would_need_without():
     np.testing.assert_array_equal(bridge_rest(tau, load, a, 0.0 * v, still), tau)
 
 
+def sweep():
+    """Times, rest, speed and acceleration (N, 1) of a joint that moves and then rests."""
+    t = np.arange(0.0, 10.0, 0.01)[:, None]
+    rest = t > 5.0
+    return t, rest, np.where(rest, 0.0, np.sin(3.0 * t)), np.where(rest, 0.0, 3.0 * np.cos(3.0 * t))
+
+
 def test_a_rest_is_bridged_though_the_joint_alone_moves_no_load():
     """In a sweep a flange's rigid-body torque is round-off: no factor of it may be fitted there."""
-    t = np.arange(0.0, 10.0, 0.01)
-    rest = (t > 5.0)[:, None]
-    v = np.where(rest, 0.0, np.sin(3.0 * t)[:, None])
-    a = np.where(rest, 0.0, 3.0 * np.cos(3.0 * t)[:, None])
+    t, rest, v, a = sweep()
     rng = np.random.default_rng(1)
-    known = np.where(rest, 1e-3 * np.sin(7.0 * t)[:, None], 1e-10 * rng.standard_normal((len(t), 1)))
+    known = np.where(rest, 1e-3 * np.sin(7.0 * t), 1e-10 * rng.standard_normal(t.shape))
     held = np.where(rest, 0.4, 0.0)
     tau = known + 0.02 * a + 0.5 * np.sign(v) + 0.1 * v + held + 1e-3 * rng.standard_normal(v.shape)
     bridged = bridge_rest(tau, known, a, v, rest)
@@ -109,12 +113,9 @@ def test_a_rest_is_bridged_though_the_joint_alone_moves_its_load_as_a_rotor_woul
 
     Its factor cannot be told from a rotor's there, but the load that others' motion puts on it at rest can.
     """
-    t = np.arange(0.0, 10.0, 0.01)
-    rest = (t > 5.0)[:, None]
+    t, rest, v, a = sweep()
     rng = np.random.default_rng(2)
-    v = np.where(rest, 0.0, np.sin(3.0 * t)[:, None])
-    a = np.where(rest, 0.0, 3.0 * np.cos(3.0 * t)[:, None])
-    known = np.where(rest, 5.0 * np.sin(7.0 * t)[:, None], 2.0 * a + 1e-4 * rng.standard_normal(v.shape))
+    known = np.where(rest, 5.0 * np.sin(7.0 * t), 2.0 * a + 1e-4 * rng.standard_normal(v.shape))
     tau = known + 0.7 * a + 3.0 * np.sign(v) + 0.2 * rng.standard_normal(v.shape)
     bridged = bridge_rest(tau, known, a, v, rest)
     np.testing.assert_array_equal(bridged[~rest], tau[~rest])

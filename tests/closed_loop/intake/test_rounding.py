@@ -6,15 +6,12 @@ import subprocess
 import sys
 
 import pytest
+from folders import plan
 
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.board.recipe import Planted, Recipe
 
-PLANS = (
-    RunPlan("train", "fourier", 0, 24.0),
-    RunPlan("train", "sweep", 1, 30.0),
-    RunPlan("test", "points", 2, 31.0),
-)
+PLANS = plan(("fourier", 24.0), ("sweep", 30.0), ("points", 31.0))
 CLOSE = "import sys; from wearscope.closed_loop.run import close_loop; close_loop(*sys.argv[1:], light=True)"
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.preprocessing import prepare
@@ -18,10 +19,7 @@ KT, RESISTANCE, GEAR, VOLTS, GAIN, FULL = 0.01, 2.5, 30.0, 7.4, 2.0, 885.0
 CONSTANT = KT * GEAR
 COULOMB, VISCOUS, HEAVY = 0.02, 0.008, 0.45
 SERVO = {"kt": KT, "gear_ratio": GEAR, "resistance": RESISTANCE}
-URDF = """<robot name="pendulum"><link name="base"/><link name="link"><inertial><origin xyz="0 0 -0.1"/>
-<mass value="0.46"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="arm" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 -1 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="10"/></joint></robot>"""
+URDF = describe_robot(Joint("arm", "0 -1 0", 0.46, "0 0 -0.1", "1e-4 1e-4 1e-4", limits="-3 3 1 10"))
 
 
 def move(phase=0.0, seconds=8.0, rate=200.0):
@@ -48,10 +46,10 @@ def move(phase=0.0, seconds=8.0, rate=200.0):
     return frame, torque, v
 
 
-def read(frame, **servo):
-    servos = read_servos("dataset.yaml", SERVO | servo, ["arm"])
-    t, q = frame["t"].to_numpy(), frame[["q_arm"]].to_numpy()
-    return take_torques(Path("run.csv"), frame, ["arm"], servos, t, q)
+def read(frame, servos=None, joints=("arm",), **servo):
+    servos = read_servos("dataset.yaml", servos or SERVO | servo, joints)
+    t, q = frame["t"].to_numpy(), frame[[f"q_{joint}" for joint in joints]].to_numpy()
+    return take_torques(Path("run.csv"), frame, joints, servos, t, q)
 
 
 LAWS = [{"law": "duty", "duty_full": FULL}, {"law": "voltage", "gain": GAIN}, {"law": "current"}]
@@ -94,15 +92,10 @@ def test_a_duty_without_its_sign_gets_it_back(lost):
 def test_each_run_tells_its_gain():
     frame, torque, _ = move()
     told = read(frame, gain=2.5, **LAWS[0]).notes
-    assert told == (
-        "run.csv: the gain of arm is 2 of full duty for each unit of error, 0.8 times the stated one.",
-    )
-    assert (
-        read(
-            frame.assign(goal_arm=frame["goal_arm"].sample(frac=1.0, random_state=1).to_numpy()), **LAWS[0]
-        ).notes
-        == ()
-    )
+    said = "run.csv: the gain of arm is 2 of full duty for each unit of error, 0.8 times the stated one."
+    assert told == (said,)
+    shuffled = frame["goal_arm"].sample(frac=1.0, random_state=1).to_numpy()
+    assert read(frame.assign(goal_arm=shuffled), **LAWS[0]).notes == ()
     recorded = read(frame.assign(gain_arm=GAIN), law="voltage").tau[:, 0]
     assert np.abs(recorded - torque)[5:-5].max() < 2e-3 * np.abs(torque).max()
 
@@ -120,21 +113,19 @@ def test_a_duty_that_does_not_follow_the_error_is_not_turned():
         restore_duty("duty", size, FULL, goal, q, np.zeros(len(frame), dtype=bool))
 
 
-def write(folder, servo, change=lambda frame: frame):
+def record(folder, change=lambda frame: frame):
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(URDF)
     lines = [
-        "name: servo", "robot: {urdf: robot.urdf, joints: [arm]}", "sample_rate: 200", f"servo: {servo}",
+        "name: servo", "robot: {urdf: robot.urdf, joints: [arm]}", "sample_rate: 200",
+        "servo: {law: duty, kt: 0.3, resistance: 2.5, duty_full: 885}",
         "declared_effects: [rigid_body, coulomb, viscous]", "runs:",
     ]  # fmt: skip
     for name, use, phase in (("a", "train", 0.0), ("b", "train", 1.0), ("c", "test", 2.0)):
         change(move(phase)[0]).to_csv(folder / "runs" / f"{name}.csv", index=False)
         lines.append(f"- {{file: runs/{name}.csv, use: {use}}}")
     (folder / "dataset.yaml").write_text("\n".join(lines))
-    return folder
-
-
-ARM = "{law: duty, kt: 0.3, resistance: 2.5, duty_full: 885}"
+    return read_dataset(folder, lambda urdf, joints: [False])
 
 
 def fit(prepared):
@@ -149,20 +140,18 @@ def fit(prepared):
 
 
 def test_back_emf_is_told_from_viscous_friction(tmp_path):
-    dataset = read_dataset(write(tmp_path / "arm", ARM), lambda urdf, joints: [False])
-    level, slope = fit(prepare(dataset))
+    level, slope = fit(prepare(record(tmp_path / "arm")))
     assert slope == pytest.approx(VISCOUS, abs=0.001)
     assert level == pytest.approx(COULOMB, abs=0.002)
 
 
 def test_the_whole_coefficient_of_the_speed_is_told(tmp_path):
-    dataset = read_dataset(write(tmp_path / "arm", ARM), lambda urdf, joints: [False])
     viscous = SimpleNamespace(
         entry=SimpleNamespace(joint=0, effect=SimpleNamespace(name="viscous")),
         values={"slope": 0.008},
         intervals={"slope": (0.006, 0.010)},
     )
-    told = list_speed_torques(dataset, [viscous])["arm"]
+    told = list_speed_torques(record(tmp_path / "arm"), [viscous])["arm"]
     assert told["back_emf"] == pytest.approx(0.036)
     assert told["speed_coefficient"]["value"] == pytest.approx(0.044)
     assert told["speed_coefficient"]["ci95"] == pytest.approx([0.042, 0.046])
@@ -174,7 +163,7 @@ def test_rows_with_the_torque_off_do_not_count(tmp_path):
         frame.loc[off, "duty_arm"] = 0.0
         return frame.assign(on_arm=(~off).astype(int))
 
-    dataset = read_dataset(write(tmp_path / "arm", ARM, switch), lambda urdf, joints: [False])
+    dataset = record(tmp_path / "arm", switch)
     prepared = prepare(dataset)
     for run in prepared.runs:
         assert not run.keep[(run.t > 3.0) & (run.t < 5.0)].any()
@@ -225,14 +214,6 @@ def test_counts_beyond_the_full_duty_get_one_sentence():
 def test_a_joint_without_a_servo_keeps_its_torque():
     frame, torque, _ = move()
     frame = frame.assign(q_leg=0.0, tau_leg=3.0)
-    servos = read_servos("dataset.yaml", {"arm": SERVO | LAWS[0]}, ["arm", "leg"])
-    found = take_torques(
-        Path("run.csv"),
-        frame,
-        ["arm", "leg"],
-        servos,
-        frame["t"].to_numpy(),
-        frame[["q_arm", "q_leg"]].to_numpy(),
-    )
+    found = read(frame, {"arm": SERVO | LAWS[0]}, ["arm", "leg"])
     np.testing.assert_array_equal(found.tau[:, 1], 3.0)
     assert np.abs(found.tau[:, 0] - torque)[5:-5].max() < 1e-2

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import pytest
-import yaml
+from changed_fields import write_fields
 from planar_sessions import RATE, Planar, describe_arm
 
 from wearscope.checking.dataset import check_dataset
@@ -42,14 +42,8 @@ def test_a_very_soft_gear_is_no_wrong_column(tmp_path, seed, size, off):
     lengths, masses = zip(*links, strict=True)
     stated = np.array(masses) * (1.0 + rng.uniform(-off, off, len(links)))
     (tmp_path / "robot.urdf").write_text(describe_arm(lengths, stated, ["0 1 0"] * len(links), raised=0.0))
-    fields = {
-        "name": "soft",
-        "robot": {"urdf": "robot.urdf", "joints": arm.joints, "gravity": SIDEWAYS, "inertials": "trusted"},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "rotor_inertia"],
-        "runs": files,
-    }
-    (tmp_path / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False))
+    robot = {"gravity": SIDEWAYS, "inertials": "trusted"}
+    write_fields(tmp_path, arm.joints, RATE, files, ["rigid_body", "rotor_inertia"], robot)
     found = check_dataset(tmp_path)
     assert found.problems == []
     said = [note for note in found.notes if note.startswith("perhaps")]

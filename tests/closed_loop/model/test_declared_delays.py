@@ -1,9 +1,8 @@
 """A delay is a shift of the torque channel, in fractions of a sample, of any size, declared or not."""
 
 import numpy as np
-import pandas as pd
 import pytest
-from folders import fit_problem
+from folders import change_runs, fit_problem
 from scipy.interpolate import CubicSpline
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -16,14 +15,15 @@ DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous", "time_delay")
 
 
 def delay_channels(folder, delays):
-    for path in sorted((folder / "runs").glob("*.parquet")):
-        table = pd.read_parquet(path)
+    def change(table):
+        t = table["t"].to_numpy()
         for joint, delay in delays.items():
-            t = table["t"].to_numpy()
             torque = CubicSpline(t, table[f"tau_{joint}"])
             table[f"tau_{joint}"] = torque(np.clip(t - delay, t[0], t[-1]))
         # The ends have no torque of their own.
-        table.iloc[20:-20].to_parquet(path)
+        return table.iloc[20:-20]
+
+    change_runs(folder, change)
     return folder
 
 

@@ -6,14 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from folders import fit_problem
+from folders import fit_problem, read_prepared
+from recorded_chain import Bench, torque_of
 
-from wearscope.cli.main import wearscope
 from wearscope.closed_loop.diagnosis import diagnose, explains_as_well
-from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.intake.filtering import Band, low_pass, rows
-from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.events import (
     _describe,
@@ -24,7 +21,6 @@ from wearscope.closed_loop.model.events import (
     take_out_common,
 )
 from wearscope.closed_loop.model.prediction import predict_runs
-from wearscope.closed_loop.posing import find_prismatic
 from wearscope.detection.recordings import bridge_events
 
 
@@ -169,37 +165,22 @@ def test_noise_and_friction_are_no_events(look):
 
 def test_pushes_leave_the_answer_as_it_is(tmp_path):
     """From CSV to the verdict: friction as planted, no name, and the pushes listed."""
-    rng = np.random.default_rng(8)
-    files, planted = [], []
-    for k in range(4):
-        t = np.arange(0, 8, 0.005)
-        q, v, a = np.zeros((3, len(t)))
-        for f, size in ((0.2, 1.2), (0.5, 0.5), (0.9, 0.2)):
-            w, phase = 2 * np.pi * f, rng.uniform(0, 6.28)
-            q += size * np.sin(w * t + phase)
-            v += size * w * np.cos(w * t + phase)
-            a -= size * w**2 * np.sin(w * t + phase)
-        tau = 0.06 * a + 2.0 * np.sin(q) + 0.22 * np.tanh(v / 0.02) + 0.05 * v
-        tau += rng.normal(0, 0.03, len(t))
-        if k in (1, 3):
-            at = t[np.argmax(np.where((t > 1) & (t < 7), np.abs(v), 0.0))]
+    calls, planted = iter(range(4)), []
+    friction = torque_of(0.8, 0.22, 0.05, noise=0.03)
+
+    def torque(q, v, a, rng, t):
+        tau = friction(q, v, a, rng, t)
+        if (k := next(calls)) in (1, 3):
+            at = t[np.argmax(np.where((t > 1) & (t < 7), np.abs(v[:, 0]), 0.0))]
             planted.append((f"runs/run{k}.parquet", at))
-            tau += 0.9 * np.exp(-(((t - at) / 0.15) ** 4))
-        files.append(str(tmp_path / f"run{k}.csv"))
-        np.savetxt(files[-1], np.c_[t, q, tau], "%.6g", ",", header="time,q_j,tau_j", comments="")
-    (tmp_path / "arm.urdf").write_text(
-        '<robot name="p"><link name="b"/><link name="a"><inertial><origin xyz="0 0 -0.2548"/><mass '
-        'value="0.8"/><inertia ixx="0.008" ixy="0" ixz="0" iyy="0.008" iyz="0" izz="0.001"/></inertial>'
-        "</link>"
-        '<joint name="j" type="revolute"><parent link="b"/><child link="a"/><axis xyz="0 1 0"/>'
-        '<limit lower="-3.2" upper="3.2" effort="9" velocity="20"/></joint></robot>'
-    )
-    options = ["--urdf", str(tmp_path / "arm.urdf"), "--name", "d", "--in", str(tmp_path)]
-    done = CliRunner().invoke(wearscope, ["new", "dataset", *files, *options])
-    assert done.exit_code == 0, done.output
+            tau[:, 0] += 0.9 * np.exp(-(((t - at) / 0.15) ** 4))
+        return tau
+
+    bench = Bench(tmp_path, 1, 0.8, size=0.8, rate=200.0, seconds=8.0, runs=4, frequencies=(0.2, 0.5, 0.9))
+    bench.record(torque).accept()
     found = diagnose(tmp_path / "d")
     verdict = found.verdict
-    assert verdict["verdict"] == [] and verdict["joints"]["j"]["state"] == "explained"
+    assert verdict["verdict"] == [] and verdict["joints"]["j1"]["state"] == "explained"
     assert [e["run"] for e in verdict["events"]] == [run for run, _ in planted]
     for e, (_, at) in zip(verdict["events"], planted, strict=True):
         assert e["t"] < at < e["t"] + e["seconds"] < at + 0.5
@@ -209,7 +190,7 @@ def test_pushes_leave_the_answer_as_it_is(tmp_path):
         ((low, high),) = one.intervals.values()
         assert low < truth < high
     # Detectors see the recordings without them.
-    prepared = prepare(read_dataset(tmp_path / "d", find_prismatic))
+    prepared = read_prepared(tmp_path / "d")
     calm, events = bridge_events(prepared)
     assert {e["run"] for e in events} == {run for run, _ in planted}
     for e in events:

@@ -1,7 +1,5 @@
 """Masses that are wrong where they are trusted have a name of their own, and no drive is blamed."""
 
-import json
-
 import numpy as np
 import pytest
 from folders import PLANS
@@ -15,14 +13,9 @@ SHORT = {"duration": 8.0, "rate": 125.0, "plans": PLANS}
 BODIES = {"payload_error", "inertial_error"}
 
 
-def plant(folder, planted, seed, **changed):
-    truth = generate_dataset(folder / "d1", "arm3", planted, seed, Recipe(**SHORT, **changed))
-    close_loop(folder / "d1", folder / "out", light=True)
-    return truth, json.loads((folder / "out" / "verdict.json").read_text())
-
-
 def close_on(folder, planted, seed, **changed):
-    return plant(folder, planted, seed, **changed)[1]
+    generate_dataset(folder / "d1", "arm3", planted, seed, Recipe(**SHORT, **changed))
+    return close_loop(folder / "d1", folder / "out", light=True)
 
 
 def test_wrong_masses_under_trusted_are_named_as_such(tmp_path):
@@ -60,7 +53,7 @@ def test_links_that_nobody_would_believe_are_said(record, pose):
 def test_a_drive_s_inertia_that_links_could_hold_is_told_of_the_links(tmp_path, size, far):
     """At the first joint no motion tells the two apart; the links' usual error says when to doubt them."""
     planted = [Planted("rotor_inertia_error", "waist", size)]
-    _, verdict = plant(tmp_path / "arm", planted, 31, inertia_error=0.05, approximate=True)
+    verdict = close_on(tmp_path / "arm", planted, 31, inertia_error=0.05, approximate=True)
     told = [note for note in verdict["notes"] if "the link that waist moves was refitted far" in note]
     assert [("drive's inertia" in note) for note in told] == [True] * far
     assert not [e for e in verdict["verdict"] if e["status"] == "confirmed"]

@@ -8,8 +8,8 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.regression import Regression
 
-#: Runs contradict the others from this ratio of errors (RMS) on, left out over fitted; without them at most
-#: this share of the fitted runs' error may remain.
+#: Runs contradict the others where their error (RMS), left out of the fit, is this many times that of the
+#: fitted runs, and where leaving them out lowers the error of the fitted runs to this share.
 _APART, _QUIETER = 3.0, 0.7
 
 

@@ -92,8 +92,8 @@ class Line:
     share : float
         Of the residuals' power that it holds, mean over the runs.
     p_value : float
-        Of a sine at so many frequencies next to an autoregression, in all runs together, against an
-        autoregression of its own without the sine: what wanders has much at a few periods.
+        Of an autoregression with a sine, in all runs together, against one fitted without it, as noise with a
+        memory has much power at low frequencies; corrected for the number of frequencies that are tried.
     """
 
     frequency: float

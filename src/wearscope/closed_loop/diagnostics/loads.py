@@ -70,17 +70,19 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
-    unit = max(size[0], 1e-300)  # zero where one joint's motion does not show a mass by itself
+    unit = max(size[0], 1e-300)  # zero where the motion of one joint shows no mass
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
         added = float(mass[heavier].mean() - mass[~heavier].mean())
-        # Each run's halves differ by twice the error of their mean, with one degree of freedom.
+        # The difference of a run's halves is twice the error of their mean, known with one degree of freedom.
         each_way = 1.0 / heavier.sum() + 1.0 / (~heavier).sum()
         wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
-        decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))  # to a digit of the error
+        decimals = int(
+            np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4)
+        )  # to the first digit of the error
         low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
         told = (
             f"{_DIFFERS}, {heavy} with {middle} kg ({low} to {high}) more than "

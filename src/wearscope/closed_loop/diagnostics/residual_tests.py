@@ -251,7 +251,7 @@ def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0
         usual = logs.mean() + stats.t.isf(LEVEL, len(logs) - 1) * width
         if np.log(test) < min(usual, logs.max() + 2.0 * np.log(_ALIKE)):
             return []
-    # Excess of the test error, over the training error as the other shares.
+    # By how much the test error is larger, relative to the training error, as all other shares are.
     share = min((test / own) ** 2 - 1.0, 1.0)
     return [Seen(share, [], f"the test runs' error is {error / own:.1f} times the training runs'")]
 

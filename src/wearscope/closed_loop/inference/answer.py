@@ -254,7 +254,7 @@ def _tell_dependence(one: Dependence) -> Left:
 def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, Left]]:
     """The model without the names at a joint that one effect of unbelievable size explains better.
 
-    Such names only share that effect between them: the joint stays open, and the effect is reported.
+    Such names only divide that one effect among them: the joint stays open, and the effect is reported.
     """
     left = {}
     joints = model.problem.prepared.dataset.joints

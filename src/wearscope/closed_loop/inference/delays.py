@@ -29,7 +29,7 @@ def is_lag(effect: Effect) -> bool:
 
 
 def _is_alike(delay: float, other: float) -> bool:
-    """Whether a delay is the same in a part of the torque; reversals may hide more of it than they add."""
+    """Whether a delay is the same in a part of the torque, or larger there, as reversals may hide some."""
     return 1.0 / _ALIKE <= other / delay <= _ALIKE**2
 
 

@@ -62,8 +62,8 @@ class Moves:
     def climb(self, model: Model) -> Model:
         """The model that no single move makes more probable.
 
-        Only pairs of models are compared, which need not give one order of all. So no move returns to a model
-        that was left.
+        Models are compared two at a time, and such comparisons can lead in a circle. So no move returns to a
+        model that was left.
         """
         for _ in range(_MOST):
             moved = (

@@ -82,9 +82,9 @@ def list_candidates(
 
 
 def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
-    """Subsets of an effect's coefficients to try; in a single run only those that contain no other.
+    """Subsets of an effect's coefficients to try; in a single run only the smallest, which contain no other.
 
-    A prior bounds those of a body.
+    All subsets of a body are tried there too, as a prior bounds its coefficients.
     """
     if not by_run and not effect.per_robot:
         return [tuple(int(k) for k in s) for s in effect.plain_subsets()]

@@ -35,7 +35,8 @@ class PreparedRun:
     keep : ndarray (M, n) of bool
         Rows that count for each joint: the joint moves and the torque is not saturated.
     measured : ndarray (M, n)
-        Torque after the common filter; in rows that move without what held the joint at rest before or after.
+        Torque after the common filter. In rows that move it is without the static friction of a rest before
+        or after, which the filter would carry there.
     t : ndarray (M,)
         Time of the rows since the recording's first row [s].
     start : float

@@ -3,7 +3,7 @@
 `prepare` is a chain of steps, each of which takes what the one before it made: clean every recording, find
 the joints and runs that move, choose the filter before differentiation, bridge what the torques lack, choose
 the common filter and the friction's reversal, and make the signals. Recordings are read one at a time; fast
-ones keep no more samples than the filters leave anything of.
+ones are thinned to the rate that the filters need.
 """
 
 from dataclasses import replace

@@ -107,7 +107,8 @@ def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[flo
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
     """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
 
-    A held joint's brake and motor share the load that the others' motion makes. Noise is known by its band.
+    The torque of a held joint may change too: its brake and its motor share the load that the other joints'
+    motion makes. Noise is known by its band.
     """
     recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
     for j in np.flatnonzero(recorded.reach == 0.0).tolist():

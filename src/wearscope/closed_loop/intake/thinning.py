@@ -230,9 +230,9 @@ def choose_stretches(
 ) -> list[int]:
     """Stretches that make the information largest, in the order of their choice.
 
-    Of each kind the best one first, then greedily by what each adds to the logarithm of the determinants for
-    each of its seconds. One recording gives a tenth at most (more where there are fewer than ten), as long as
-    others have something to give.
+    The best one of each kind comes first. Then the next one is always that which adds most to the logarithm
+    of the determinants for each of its seconds. One recording gives a tenth at most (more where there are
+    fewer than ten), as long as others have something to give.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def map_runs(function: Callable[..., _Out], runs: Sequence[PreparedRun], *more: 
     Parameters
     ----------
     function : callable
-        ``function(run, ...)``; of one run it must depend on nothing that it changes of another.
+        ``function(run, ...)``; its result for one run must not depend on what it changes in another.
     runs : sequence of PreparedRun
     more : sequence
         Further arguments, one a run.

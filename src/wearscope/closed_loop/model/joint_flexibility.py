@@ -153,8 +153,8 @@ def _solve_whole(
 def find_jump_shares(model: Regression, theta: np.ndarray) -> dict[int, float]:
     """Share of each jumping deflection's torque, by term, that the motion alone predicts.
 
-    The moment of a jump is known from the motion only roughly, and the expectation of a torque about an
-    uncertain moment is less than the torque: the share is the slope of the training residual on it, 0 to 1.
+    The motion tells the moment of a jump only roughly, and averaged over the possible moments the torque is
+    smaller than at the true one. The share is the slope of the training residual against it, 0 to 1.
     """
     terms = [i for i, e in enumerate(model.entries) if e.is_deflection and getattr(e.effect, "abrupt", False)]
     own = {i: np.zeros(2) for i in terms}

@@ -24,7 +24,7 @@ def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
     There a coarse spline continues smoothly (Eilers and Marx 1996), and every spline tends to zero. It also
-    settles a constant sum of heights that another term of the model has too.
+    settles a spline's constant part where another term of the model has a constant too.
     """
     penalty = _SHRINKAGE * np.eye(knots)
     if knots <= COARSE:

@@ -33,8 +33,8 @@ from wearscope.robots.dynamics import N_PARAMETERS
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
 #: Numbers of blocks that are joined, and fewest joined blocks, to estimate the residual's autocorrelation.
 _JOINED, _FEWEST = (1, 2, 4, 8), 8
-#: Turns of weighing each torque by its residual; largest number of moves of a climb, and of terms that each
-#: move tries.
+#: How often the torques are weighed again by their residuals; largest number of moves of a climb, and of
+#: terms that each move tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
 #: Relative ridge on the diagonal, for columns that are equal to rounding.
@@ -72,7 +72,7 @@ class Fit:
             scale[k] = tau[counts[:, k], k].std()
         size = np.array(reading.size)[self.joint]
         sign, size = np.sign(size), np.abs(size)
-        if not rows.doubted.all():  # it is their torque that is of another size, their friction too
+        if not rows.doubted.all():  # the whole torque of these runs has another size, friction included
             sign, size = np.where(rows.doubted[:, None], sign / size, 1.0), np.ones(n)
         most = float(some.known.std(axis=0).max(initial=0.0))
         x = np.concatenate([some.shared * (size / scale)[:, None], scale_columns(some, scale, most)], axis=2)
@@ -81,7 +81,7 @@ class Fit:
         self.body, self.y = body.T, (sign * tau / scale * counts - body).T
         self.count = np.maximum(counts.sum(axis=0), 1)
         self.shared, self.soft = shared, columns.links + N_PARAMETERS
-        # As large as it is where it is felt most.
+        # A soft gear's columns are scaled by their size at the joint where it is felt most.
         soft = self.x[:, :, self.soft : shared]
         soft /= np.sqrt((soft**2).sum(axis=1) / self.count[:, None]).max(axis=0, initial=0.0) + 1e-300
         self.index = [np.r_[np.arange(shared), shared + k * own + np.arange(own)] for k in range(n)]

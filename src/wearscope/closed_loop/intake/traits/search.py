@@ -14,13 +14,14 @@ from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
 ODDS, REFUSE = float(np.log(100.0)), 10.0
 #: Rows of a first look; readings that are weighed with all rows, and from which further traits are sought.
 _FEW, _BEAM, _FRONT = 160, 4, 2
-#: Rounds of further traits; share of a torque's variance that is much.
+#: Rounds of further traits; unexplained share of a torque's variance that is much.
 _ROUNDS, _MUCH = 2, 0.1
-#: Share of a torque's variance, and of what the stated reading leaves of it, that is little; that is noise.
+#: Unexplained share of a torque's variance that is little, the same over what the stated reading leaves;
+#: share from which a torque counts as noise.
 LITTLE, _LESS, HOPELESS = 0.05, 0.33, 0.8
-#: Nats by which a reading is the likelier one at a first look, whatever all rows say.
+#: Readings this many nats behind the likeliest one at a first look are not weighed with all rows.
 _APART = 30.0
-#: Standard errors within which runs carry the same.
+#: Standard errors within which all runs carry the same load.
 _DIFFER = 4.0
 
 
@@ -35,7 +36,7 @@ class Weighed:
     best : Model
         The best reading; the stated one where none is better by `NOTE`.
     ties : list of Model
-        Readings that are told neither from the best one nor by fewer traits.
+        Readings with as many traits as the best one that explain the torques as well.
     """
 
     stated: Model
@@ -44,7 +45,7 @@ class Weighed:
 
     @property
     def is_answer(self) -> bool:
-        """Whether the best reading explains the torques that it is of, without those that are noise."""
+        """Whether the best reading explains the torques that it changes, apart from those that are noise."""
         held, own = self.best.held, self.best.reading.claims[self.best.fit.joint]
         asked = (own | ~own.any()) & (held < HOPELESS)
         return bool(

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
-import yaml
+from changed_fields import write_fields
 from duo import JOINTS, URDF
 
 from wearscope.effects.base import Signals, load_effect
@@ -39,32 +38,23 @@ def make_duo(worn: bool = True):
 def draw_motion(seed: int, seconds: float = 8.0, wait: float = 0.0):
     """Band-limited motion of both joints from rest to rest, after a wait."""
     t = np.arange(round((seconds + wait) * RATE)) / RATE
-    phase = np.clip((t - wait) / seconds, 0.0, 1.0)
-    smooth = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
     rng = np.random.default_rng(seed)
     size, turn = rng.normal(0.0, 0.4, (2, 4)), rng.uniform(0, 2 * np.pi, (2, 4))
+    k = np.arange(1, 5)
 
-    def position(s):
-        k = np.arange(1, 5)
-        return np.stack(
-            [(size[j] / k * np.sin(2 * np.pi * k * s[:, None] + turn[j])).sum(axis=1) for j in (0, 1)]
-        ).T
-
-    h = 1e-5
-
-    def along(x):
+    def position(x):
         phase = np.clip((x - wait) / seconds, 0.0, 1.0)
-        return position(phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2))
+        s = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+        return np.sum(size / k * np.sin(2 * np.pi * k * s[:, None, None] + turn), axis=2)
 
-    q = position(smooth)
-    v = (along(t + h) - along(t - h)) / (2 * h)
-    a = (along(t + h) - 2 * q + along(t - h)) / h**2
+    h, q = 1e-5, position(t)
+    v = (position(t + h) - position(t - h)) / (2 * h)
+    a = (position(t + h) - 2 * q + position(t - h)) / h**2
     return t, q, v, a
 
 
 def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> None:
-    """Write what the machine records; `disturbance` is a torque that no model has, other in each "
-    "run [N m]."""
+    """Write what the machine records; `disturbance` [N m] is a torque that no model has, drawn for a run."""
     t, q, v, a = motion
     model = make_duo()
     load = model.rigid_body().inverse_dynamics(q, v, a)
@@ -86,9 +76,7 @@ def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> N
     pd.DataFrame(columns).to_parquet(path)
 
 
-def write_machine(
-    folder: Path, judged, nominal=5, seed=1, disturbance=0.0, reference=False, fields=None
-) -> Path:
+def write_machine(folder: Path, judged, nominal=5, seed=1, disturbance=0.0, fields=None) -> Path:
     """Write a data set of nominal runs and judged ones, the latter as (motion seed, wear, seconds, wait)."""
     (folder / "runs").mkdir(parents=True)
     (folder / "robot.urdf").write_text(URDF)
@@ -101,32 +89,4 @@ def write_machine(
         record_run(folder / file, draw_motion(motion, seconds, wait), wear, temperature, rng, disturbance)
         use = "train" if k < nominal else "test"
         entries.append({"file": file, "use": use, "session": "new" if k < nominal else f"day {k}"})
-    content = {
-        "name": "duo",
-        "robot": {"urdf": "robot.urdf", "joints": JOINTS, "rotor_inertia": INERTIA},
-        "sample_rate": RATE,
-        "declared_effects": ["rigid_body", "rotor_inertia", "coulomb", "viscous"],
-        "runs": entries,
-        **({"reference": ["new"]} if reference else {}),
-        **(fields or {}),
-    }
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(content))
-    return folder
-
-
-@pytest.fixture
-def machine(tmp_path):
-    """`write_machine` into a fresh folder."""
-    return lambda judged, **options: write_machine(tmp_path / "duo", judged, **options)
-
-
-@pytest.fixture(scope="session")
-def write_to():
-    """`write_machine`, for fixtures of a whole module."""
-    return write_machine
-
-
-@pytest.fixture(scope="session")
-def duo():
-    """The module's model maker."""
-    return make_duo
+    return write_fields(folder, JOINTS, RATE, entries, robot={"rotor_inertia": INERTIA}, **(fields or {}))
