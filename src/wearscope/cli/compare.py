@@ -163,26 +163,23 @@ def _tell_studies(
     names: tuple[str, str], rankings: tuple["pd.DataFrame", "pd.DataFrame"], differences: "pd.DataFrame"
 ) -> list[str]:
     """What differs between two studies, in sentences, conclusions first."""
-    from wearscope.reporting.labels import count_text, join_words, words
+    from wearscope.reporting.labels import count_text, words
+    from wearscope.reporting.page import say_lines
 
-    best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else None for one in rankings]
-    pairs = [(one, name) for one, name in zip(best, names, strict=True) if one]
-    if len(pairs) == 2 and best[0] == best[1]:
-        pairs = [(str(best[0]), "both")]
-    told = [f"{one} has the highest median SNR in {name}." for one, name in pairs]
+    best = [str(one.sort_values("rank")["fda"].iloc[0]) if len(one) else "" for one in rankings]
     concluded = differences[differences["what"] == "conclusion"]
     changed = concluded[concluded["outcome"] == "differs"]
-    told += [f"{_name_item(row.item)}: {words(row.detail)}." for row in changed.head(_TOLD).itertuples()]
-    if len(changed) > _TOLD:
-        more = len(changed) - _TOLD
-        told.append(f"{count_text(more, 'more conclusion')} differ{'s' if more == 1 else ''}.")
-    for name, outcome in zip(names, ("only in a", "only in b"), strict=True):
-        if count := int((concluded["outcome"] == outcome).sum()):
-            told.append(f"{count_text(count, 'conclusion')} in {name} only.")
+    shown = [f"{_name_item(row.item)}: {words(row.detail)}" for row in changed.head(_TOLD).itertuples()]
+    only = [
+        (name, int((concluded["outcome"] == outcome).sum()))
+        for name, outcome in zip(names, ("only in a", "only in b"), strict=True)
+    ]
     kinds = ("conclusion", "setting", "version", "table", "file")
     counts = [count_text(n, kind) for kind in kinds if (n := int((differences["what"] == kind).sum()))]
-    verb = "differs" if len(differences) == 1 else "differ"
-    return [*told, f"{join_words(counts)} {verb}." if counts else "Nothing differs."]
+    leaders, more = list(zip(best, names, strict=True)), len(changed) - _TOLD
+    told = (leaders, shown, more, only, counts, len(differences))
+    lines = say_lines("cli/words.html", "studies", *told)
+    return [line.striptags() for line in lines]
 
 
 def _tell_loops(

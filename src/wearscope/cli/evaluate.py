@@ -76,31 +76,15 @@ def list_worst(errors: "ModelErrors") -> list[tuple[str, ...]]:
 
 def tell_errors(errors: "ModelErrors") -> str:
     """What was judged, then the smallest and the largest errors."""
-    from wearscope.reporting.labels import count_text, join_words
-    from wearscope.reporting.page import format_number, interval_text
+    from wearscope.reporting.page import format_number, interval_text, say
 
-    torque, rollouts, judged = errors.torque, errors.rollouts, errors.judged
-    known = torque[torque["error_percent"].notna()]
-    left = len(judged["refused"])
-    more = f"; {count_text(left, 'recording')} not judged" if left else ""
-    which = "" if judged["joints"] == judged["of"] else f" ({join_words(judged['names']) or 'none moves'})"
-    said = (
-        f"Judged at {judged['joints']} of {count_text(judged['of'], 'joint')}{which}, "
-        f"for {judged['seconds']:.0f} s{more}."
-    )
-    if known.empty:
-        return f"{said} No joint moves so that its torque can be judged: the robot stands still."
-    worst = known.loc[known["error_percent"].idxmax()]
-    ends = [format_number(x, 2) for x in (known["error_percent"].min(), worst["error_percent"])]
-    size = f"{ends[0]} to {ends[1]} %" if ends[0] != ends[1] else f"{ends[0]} %"
-    said += f" Not predicted there: {size} of the torque, most at {worst['joint']} in {worst['run']}."
-    rolled = rollouts[rollouts["error_median"].notna() & rollouts["joint"].isin(judged["names"])]
-    if rolled.empty:
-        return said
+    known = errors.torque[errors.torque["error_percent"].notna()]
+    rolled = errors.rollouts[errors.rollouts["joint"].isin(errors.judged["names"])]
+    rolled = rolled[rolled["error_median"].notna()]
     last = rolled[rolled["seconds"] == rolled["seconds"].max()]
-    far = last.loc[last["error_median"].idxmax()]
-    size = interval_text(*(far[f"error_median{end}"] for end in ("", "_low", "_high")))
-    return (
-        f"{said} After {far['seconds']:g} s without feedback the position is off by at most {size} "
-        f"{far['unit']}, at {far['joint']} in {far['run']}."
-    )
+    worst = known.loc[known["error_percent"].idxmax()] if len(known) else None
+    far = last.loc[last["error_median"].idxmax()] if len(last) else None
+    ends = [format_number(x, 2) for x in (known["error_percent"].min(), known["error_percent"].max())]
+    off = "" if far is None else interval_text(*(far[f"error_median{end}"] for end in ("", "_low", "_high")))
+    told = say("cli/words.html", "errors", errors.judged, [*dict.fromkeys(ends)], worst, far, off)
+    return told.striptags()

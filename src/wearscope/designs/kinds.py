@@ -253,12 +253,14 @@ def design_table(coded: Array, factors: Sequence[Factor]) -> pd.DataFrame:
     -------
     DataFrame
     """
-    columns: dict[str, Any] = {"point": np.arange(1, coded.shape[0] + 1, dtype=np.int64)}
-    for k, factor in enumerate(factors):
-        columns[factor.name] = coded[:, k].astype(float)
-    for k, factor in enumerate(factors):
-        columns[f"{factor.name}_natural"] = factor.to_natural(coded[:, k])
-    return pd.DataFrame(columns)
+    pairs = list(zip(factors, coded.T, strict=True))
+    return pd.DataFrame(
+        {
+            "point": np.arange(1, coded.shape[0] + 1, dtype=np.int64),
+            **{factor.name: levels.astype(float) for factor, levels in pairs},
+            **{f"{factor.name}_natural": factor.to_natural(levels) for factor, levels in pairs},
+        }
+    )
 
 
 def make_design(

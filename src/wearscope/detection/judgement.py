@@ -242,27 +242,26 @@ def _find_verdict(y: float, status: str, row: dict[str, Any]) -> str:
 
 
 def _tabulate_simulated(tested: Tested) -> pd.DataFrame:
-    records = []
     joints = tested.prepared.dataset.joints
-    for one in tested.asked:
-        if one.draw is None:
-            continue
-        for (joint, fda), (y, status) in one.answers.items():
-            records.append(
-                {
-                    "motion": one.motion,
-                    "joint": joint,
-                    "fda": fda,
-                    "kind": one.kind,
-                    "run": int(one.run),
-                    "wear": float(one.draw.wear[joints.index(joint)]),
-                    "temperature_change": one.draw.warmth,
-                    "payload_error": 100.0 * one.draw.payload_error,
-                    "y": y,
-                    "status": status,
-                }
-            )
-    return pd.DataFrame(records)
+    return pd.DataFrame(
+        [
+            {
+                "motion": one.motion,
+                "joint": joint,
+                "fda": fda,
+                "kind": one.kind,
+                "run": int(one.run),
+                "wear": float(one.draw.wear[joints.index(joint)]),
+                "temperature_change": one.draw.warmth,
+                "payload_error": 100.0 * one.draw.payload_error,
+                "y": y,
+                "status": status,
+            }
+            for one in tested.asked
+            if one.draw is not None
+            for (joint, fda), (y, status) in one.answers.items()
+        ]
+    )
 
 
 def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dict[str, Any]:

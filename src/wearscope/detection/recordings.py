@@ -174,9 +174,8 @@ def sort_recordings(prepared: Prepared) -> tuple[list[MotionGroup], list[Refused
             record = records[run.file]
             usable.append(Recorded(run.file, record.session, make_batch(run), run, record.payload))
         seen.add(run.file)
-    for file in records:
-        if file not in seen:
-            refused.append(Refused(file, f"{file}: the robot stands still; record a motion."))
+    still = [file for file in records if file not in seen]
+    refused += [Refused(file, f"{file}: the robot stands still; record a motion.") for file in still]
     for one in usable:
         if one.file in nominal:
             for group in groups:

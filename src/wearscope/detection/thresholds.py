@@ -213,10 +213,13 @@ class Panel:
 
     def ask(self, batch: Batch) -> dict[Cell, Answer]:
         """Test quantity and status by joint and detector; NaN where a detector fails."""
-        answers = {cell: (math.nan, f"cannot be fitted: {told}") for cell, told in self.unfitted.items()}
-        for (joint, name), detector in self.fitted.items():
-            answers[joint, name] = ask_detector(detector, batch, f"fda '{name}', joint '{joint}'")
-        return answers
+        return {
+            **{cell: (math.nan, f"cannot be fitted: {told}") for cell, told in self.unfitted.items()},
+            **{
+                (joint, name): ask_detector(detector, batch, f"fda '{name}', joint '{joint}'")
+                for (joint, name), detector in self.fitted.items()
+            },
+        }
 
 
 def fit_panel(

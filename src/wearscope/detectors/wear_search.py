@@ -16,9 +16,9 @@ from wearscope.effects.base import Effect
 from wearscope.effects.rows import hold_rows
 
 Array = NDArray[np.float64]
-# Difference steps in wear [-] and temperature [deg C]; the change at which the search ends; below the share
-# of a slope that offset and payload leave, or beyond the condition of the normal equations, wear and
-# temperature are not told apart.
+# Difference steps in wear [-] and temperature [deg C], and the change at which the search ends. Wear and
+# temperature are not told apart where offset and payload leave less than `MIN_SHARE` of a slope, or where the
+# normal equations' condition is above `MAX_CONDITION`.
 STEPS = (0.5, 0.25)
 TOLERANCE = 1e-4
 MIN_SHARE = 1e-6

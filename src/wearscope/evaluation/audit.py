@@ -118,10 +118,7 @@ def choose_audit_points(
                 (first if hypothesis == "H0" or axis == turn else later).append(entry)
     chosen = (first + later)[:points]
     coded = np.array([[z[name] for name in names] for z, _ in chosen])
-    table = design_table(coded, factors)
-    for name in _ABOUT:
-        table[name] = [about[name] for _, about in chosen]
-    return table
+    return design_table(coded, factors).assign(**{name: [one[name] for _, one in chosen] for name in _ABOUT})
 
 
 def choose_more_points(

@@ -111,11 +111,9 @@ def simulated_table(
 def _join(parts: Sequence[tuple[Sequence[object], Mapping[str, np.ndarray]]]) -> pd.DataFrame:
     """One table of parts, each with its cell and factor; by column: a frame for each part takes seconds."""
     keys = pd.DataFrame([key for key, _ in parts], columns=[*CELL, "factor"])
-    counts = [len(next(iter(columns.values()))) for _, columns in parts]
-    table = keys.loc[keys.index.repeat(counts)].reset_index(drop=True)
-    for name in parts[0][1]:
-        table[name] = np.concatenate([columns[name] for _, columns in parts])
-    return table
+    counts = [len(next(iter(own.values()))) for _, own in parts]
+    columns = {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
+    return keys.loc[keys.index.repeat(counts)].reset_index(drop=True).assign(**columns)
 
 
 Array = NDArray[np.float64]

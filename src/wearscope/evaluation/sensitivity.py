@@ -63,11 +63,10 @@ def group_matrices(
         raise InputError(f"surrogates: the table has no model '{model}'; it has {known}.")
     terms = list(dict.fromkeys(rows["term"]))
     index = [name for name in CELL if name not in by] or CELL
-    matrices = {}
-    for key, group in groups_of(rows, by):
-        matrix = group.pivot(index=index, columns="term", values="theta_normalised")
-        matrices[key] = matrix.reindex(columns=terms)
-    return matrices
+    return {
+        key: group.pivot(index=index, columns="term", values="theta_normalised").reindex(columns=terms)
+        for key, group in groups_of(rows, by)
+    }
 
 
 def sensitivity_of(

@@ -72,11 +72,11 @@ def render_closed_loop(loop: ClosedLoop) -> str:
 
 def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
     """Errors on the test runs."""
-    relative = []
-    for joint, one in loop.verdict["joints"].items():
-        for run, values in one.get("relative_error_percent", {}).items():
-            before, after = map(number, values)
-            relative.append({"joint": joint, "test run": run, "before [%]": before, "after [%]": after})
+    relative = [
+        {"joint": joint, "test run": run, "before [%]": number(before), "after [%]": number(after)}
+        for joint, one in loop.verdict["joints"].items()
+        for run, (before, after) in one.get("relative_error_percent", {}).items()
+    ]
     note = "RMS of the residual over RMS of the torque, in the rows that count."
     rest = render_table(relative, note, filter_by=JOINT | {"test run": "run"})
     return render_part(

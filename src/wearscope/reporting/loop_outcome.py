@@ -260,11 +260,15 @@ def _colour(card: Mapping[str, Any]) -> str:
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
     """Rows of fitted parameters, one for all heights of a spline; fixed parameters stand with the name."""
-    rows = []
-    for name, one in entry["parameters"].items():
-        ends = " to ".join(format_number(number(end)) for end in one["ci95"])
-        value = format_number(number(one["value"]))
-        rows.append((parameter_name(name), value, ends, unit_text(one["unit"])))
+    rows = [
+        (
+            parameter_name(name),
+            format_number(number(one["value"])),
+            " to ".join(format_number(number(end)) for end in one["ci95"]),
+            unit_text(one["unit"]),
+        )
+        for name, one in entry["parameters"].items()
+    ]
     heights = [one["value"] for name, one in entry["parameters"].items() if name.startswith("height")]
     if entry["effect"] == UNKNOWN and heights:
         told = f"{format_number(min(heights))} to {format_number(max(heights))}"

@@ -205,11 +205,12 @@ def is_in_model(entry: Verdict) -> bool:
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
     """Simulations that failed: alarm, and its text."""
-    said = []
-    for stage in ("before", "after"):
-        outcomes = {one[stage]["outcome"] for one in verdict.get("forward", {}).values()} - {"ok"}
-        said += [("alarm", f"Simulated forward, model {stage}: {text}") for text in sorted(outcomes)]
-    return said
+    forward = verdict.get("forward", {}).values()
+    return [
+        ("alarm", f"Simulated forward, model {stage}: {text}")
+        for stage in ("before", "after")
+        for text in sorted({one[stage]["outcome"] for one in forward} - {"ok"})
+    ]
 
 
 def say_share(entry: Verdict) -> str:

@@ -302,13 +302,16 @@ def _outcome(tracking: Tracking) -> Markup:
 
 def _wear(found: list[dict[str, Any]]) -> Markup:
     """Wear of each joint by session, in the form that the simulator has."""
-    records = []
-    for one in found:
-        told = [
-            f"{parameter_name(name)} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
-            for name, x in one["parameters"].items()
-        ]
-        records.append(one | {"told": "; ".join(told)})
+    records = [
+        one
+        | {
+            "told": "; ".join(
+                f"{parameter_name(name)} {interval_text(x['value'], *x['ci95'])} {unit_text(x['unit'])}"
+                for name, x in one["parameters"].items()
+            )
+        }
+        for one in found
+    ]
     caption = (
         "What wear adds to friction at a level f, each parameter with its 95 % interval. "
         "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
@@ -397,11 +400,12 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
 
 def trend_names(tracking: Tracking) -> dict[str, str]:
     """What can be drawn over the sessions, with its unit."""
-    names = {_SHARE: "friction [% of healthy]"}
-    for name, rows in tracking.parameters().items():
-        if rows["effect"].iloc[0] != _SHARE:
-            names[name] = with_unit(name, str(rows["unit"].dropna().iloc[0]))
-    return names
+    others = {
+        name: with_unit(name, str(rows["unit"].dropna().iloc[0]))
+        for name, rows in tracking.parameters().items()
+        if rows["effect"].iloc[0] != _SHARE
+    }
+    return {_SHARE: "friction [% of healthy]", **others}
 
 
 def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str, str, pd.DataFrame]]:

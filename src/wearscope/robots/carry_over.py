@@ -26,13 +26,13 @@ def find_lacking(
 
     Wear is required of the joints that wear, or of the axes `worn`; temperature of all joints.
     """
-    lacking = []
     wearing = model.wear_joints if worn is None else model.wearing(worn).wear_joints
-    for dependence in dependences:
-        for joint in wearing if dependence == "wear" else model.joints:
-            if not any(SIGNALS[dependence] in e.depends_on for e, _ in _effects_at(model, joint)):
-                lacking.append((dependence, joint))
-    return lacking
+    return [
+        (dependence, joint)
+        for dependence in dependences
+        for joint in (wearing if dependence == "wear" else model.joints)
+        if not any(SIGNALS[dependence] in effect.depends_on for effect, _ in _effects_at(model, joint))
+    ]
 
 
 def carry_over(

@@ -234,8 +234,9 @@ def make_link(name: str, inertia: Inertia) -> Link:
 def replace_inertias(urdf_text: str, inertias: Mapping[str, Inertia]) -> str:
     """Text of a normalised URDF with other inertias, given by joint name in the frame of the joint's link."""
     tree = parse_urdf(urdf_text)
-    links = dict(tree.links)
-    for joint in tree.joints:
-        if joint.name in inertias:
-            links[joint.child] = make_link(joint.child, inertias[joint.name])
-    return write_urdf(Tree(tree.name, tree.root, links, tree.joints))
+    changed = {
+        joint.child: make_link(joint.child, inertias[joint.name])
+        for joint in tree.joints
+        if joint.name in inertias
+    }
+    return write_urdf(Tree(tree.name, tree.root, {**tree.links, **changed}, tree.joints))

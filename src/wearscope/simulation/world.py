@@ -117,9 +117,10 @@ class World:
             )
         finally:
             os.unlink(path)
-        found = {}
-        for index in range(pybullet.getNumJoints(self.body, physicsClientId=c)):
-            found[pybullet.getJointInfo(self.body, index, physicsClientId=c)[1].decode()] = index
+        found = {
+            pybullet.getJointInfo(self.body, index, physicsClientId=c)[1].decode(): index
+            for index in range(pybullet.getNumJoints(self.body, physicsClientId=c))
+        }
         self.indices = tuple(found[name] for name in self.joints)
         for index in [-1, *self.indices]:
             pybullet.changeDynamics(

@@ -39,11 +39,9 @@ class Figures:
         kinds = list(dict.fromkeys(self.origins))
         if len(kinds) == 1:
             return kinds[0]
-        parts = []
-        for kind in kinds:
-            names = [joint for joint, origin in zip(joints, self.origins, strict=True) if origin == kind]
-            parts.append(f"{kind} ({', '.join(names)})")
-        return "; ".join(parts)
+        pairs = list(zip(joints, self.origins, strict=True))
+        names = {kind: [joint for joint, origin in pairs if origin == kind] for kind in kinds}
+        return "; ".join(f"{kind} ({', '.join(own)})" for kind, own in names.items())
 
     def replace(self, values: Array, origin: Callable[[int], str]) -> "Figures":
         """Other values, with another origin where they differ."""
@@ -52,12 +50,8 @@ class Figures:
         return Figures(np.asarray(values, dtype=float), tuple(origins))
 
 
-#: Numbers that an option takes: what messages call them, and which are refused.
-_SIGNS: dict[str, Callable[[Array], Any]] = {
-    "0 or above": lambda values: values < 0.0,
-    "above 0": lambda values: values <= 0.0,
-    "other than 0": lambda values: values == 0.0,
-}
+#: How a refused number compares with 0, by what the option takes.
+_REFUSED = {"0 or above": np.less, "above 0": np.less_equal, "other than 0": np.equal}
 
 
 def take_option(
@@ -84,7 +78,7 @@ def take_option(
     if len(values) not in (1, n):
         raise InputError(f"--{name}: has {len(values)} values for {n} joints; give one, or one a joint.")
     taken = np.array(list(values) * (n if len(values) == 1 else 1), dtype=float)
-    wrong = taken[~np.isfinite(taken) | _SIGNS[allowed](taken)]
+    wrong = taken[~np.isfinite(taken) | _REFUSED[allowed](taken, 0.0)]
     if wrong.size:
         raise InputError(f"--{name}: holds {wrong[0]:g}; give finite numbers, {allowed}.")
     return Figures(taken, (f"given: --{name}",) * n)

@@ -180,9 +180,9 @@ def write_example(target: Path) -> None:
 def _write_recording(file: Path, model: RobotModel, cycle: str, wear: float, seed: int) -> None:
     """A recording as a drive's recorder writes it."""
     batch = make_batch(model, cycle, wear, seed)
-    columns: dict[str, Array] = {"time [ms]": (1e3 * batch.t).round(3)}
-    for k in range(model.n):
-        columns[f"actual_q_{k}"] = np.degrees(batch.q[:, k]).round(_DIGITS)
-    for k in range(model.n):
-        columns[f"actual_torque_{k}"] = batch.tau[:, k].round(_DIGITS)
+    columns: dict[str, Array] = {
+        "time [ms]": (1e3 * batch.t).round(3),
+        **{f"actual_q_{k}": one.round(_DIGITS) for k, one in enumerate(np.degrees(batch.q.T))},
+        **{f"actual_torque_{k}": one.round(_DIGITS) for k, one in enumerate(batch.tau.T)},
+    }
     pd.DataFrame(columns).to_csv(file, sep=";", index=False)

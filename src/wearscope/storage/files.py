@@ -249,11 +249,8 @@ def clear_stale(folder: str | Path) -> list[Path]:
 
 def digest_file(path: Path) -> str:
     """SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
     with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def set_aside(path: str | Path) -> Path:

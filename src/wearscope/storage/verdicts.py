@@ -3,21 +3,15 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError, explain_breach
 from wearscope.storage.checksums import check_shown
 from wearscope.storage.files import read_json
 
-
-def _refuse_text(value: Any) -> Any:
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-        raise ValueError("should be a number")
-    return value
-
-
-_Number = Annotated[float | None, BeforeValidator(_refuse_text)]
+#: Neither text nor a truth value is read as a number.
+_Number = Annotated[float | None, Strict()]
 _Name = Annotated[str, Field(max_length=limits.TEXT)]
 
 

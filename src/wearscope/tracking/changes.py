@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 #: A joint's friction as a whole, as a change and in the tables.
 FRICTION = "friction"
-#: Kinds of which a joint has at most one change, as with friction: torque by position, body on its link.
+#: Further kinds of change: torque that depends on the position, and a body on the link. Of each kind, as of
+#: friction, a joint has at most one change.
 PLACE, BODY = "place", "body"
 #: Nats by which each effect in the vocabulary's order of changes is rarer than the one before; nats by which
 #: a part that must be mounted is rarer.

@@ -29,8 +29,8 @@ from wearscope.tracking.structure import Belief, Structure
 PRIOR_FRICTION, PRIOR_TORQUE, _PRIOR_SESSIONS = 0.01, 0.003, 3.0
 #: Prior scatter of each of the `scatter_columns`.
 _PRIOR = (PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_TORQUE, PRIOR_TORQUE)
-#: Rows beyond which more say nothing of a form that is not exact; share of a session's change, mean square,
-#: that no form follows; parts that are held out.
+#: No form is exact. So at most this many rows count, and this share of a change's mean square is left in any
+#: fit. Number of parts of a session that are held out in turn.
 _MOST_ROWS, _FORM, _FOLDS = 250.0, 1e-4, 5
 #: Rounds in which the scatter of healthy sessions is estimated.
 _ROUNDS = 30

@@ -34,9 +34,9 @@ from wearscope.tracking.tracked_model import make_healthy_model
 #: A change is measured by the joint's friction, or by this share of its torque or of its residual if that is
 #: more.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
-#: A healthy session does not belong with the others from this ratio of their mean square residuals on; fewest
-#: sessions that can tell which session that is; freedom of friction, factor and level in this test, over the
-#: prior scatter.
+#: Whether a healthy session belongs with the others: from this ratio of mean square residuals on it does not;
+#: fewest sessions that tell which one it is. In this test, friction and a torque's factor and level may
+#: differ by so many times their prior scatter.
 _BAD, _FEWEST, _FREE = 25.0, 3, 30.0
 #: How far beyond a link a body may be [m].
 _BEYOND = 0.1

@@ -8,7 +8,8 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.effects.base import Signals
 from wearscope.tracking.structure import Structure
 
-#: Length of a block in periods of the common cut-off, which bounds how fast the residual forgets; least [s].
+#: Length of a block: so many periods of the common cut-off, as the filter correlates samples that are nearer,
+#: and at least so long [s].
 _BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
 #: Speed over which friction at low speed dies away, as a share of the joint's top speed.
 _SLOW = 0.05

@@ -210,23 +210,21 @@ def series_key(entry: dict[str, Any]) -> str:
 
 def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: float) -> list[dict[str, Any]]:
     """Straight line through each joint's friction over the later sessions; slope as a share by session."""
-    found = []
-    for j, joint in enumerate(joints):
-        values, errors = collect_series(later, f"{FRICTION}@{j}")
-        trend = fit_trend(values, errors, limit)
-        if trend is not None:
-            found.append(
-                {
-                    "joint": joint,
-                    "effect": FRICTION,
-                    "slope": trend.slope,
-                    "ci95": [trend.low, trend.high],
-                    "unit": "1/session",
-                    "p": trend.p_value,
-                    "sessions_left": list(trend.left),
-                }
-            )
-    return found
+    series = [collect_series(later, f"{FRICTION}@{j}") for j in range(len(joints))]
+    trends = [fit_trend(values, errors, limit) for values, errors in series]
+    return [
+        {
+            "joint": joint,
+            "effect": FRICTION,
+            "slope": trend.slope,
+            "ci95": [trend.low, trend.high],
+            "unit": "1/session",
+            "p": trend.p_value,
+            "sessions_left": list(trend.left),
+        }
+        for joint, trend in zip(joints, trends, strict=True)
+        if trend is not None
+    ]
 
 
 def tell_scatter(reference: Reference) -> list[str]:

@@ -27,8 +27,8 @@ from wearscope.tracking.worn import Worn, identify_wear
 WIDTH = 2.0
 #: A temperature counts as within the reference's range up to this many kelvin beyond it.
 _BEYOND = 1.0
-#: It is reported where a change of friction by the first share could not be seen, though one by the second
-#: could if the temperature's part were known.
+#: A joint is reported as hidden by its temperature where a change of friction by the first share cannot be
+#: seen, and one by the second share could be seen if the temperature's part were known.
 _HIDDEN, _SEEN = 0.3, 0.15
 
 

@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -103,9 +103,8 @@ def _restore(
         for label, joint, shape, subset in words["entries"]
     )
     reversals = Reversals(arrays["reversal_width"], arrays["reversal_form"])
-    own_frame = {name: arrays[name] for name in _FRAME}
-    frame = Frame(words["urdf"], Band(**words["band"]), reversals=reversals, **own_frame)
-    names = ("friction", "torque", "speed", "noise")
+    parts = {name: arrays[name] for name in _FRAME}
+    frame = Frame(words["urdf"], Band(**words["band"]), reversals=reversals, **parts)
     structure = Structure(
         tuple(words["joints"]),
         tuple(words["position_unit"]),
@@ -113,7 +112,7 @@ def _restore(
         frame,
         entries,
         inertial=bool(words["inertial"]),
-        scales=Scales(*(arrays[f"scales_{name}"] for name in names)),
+        scales=Scales(**{field.name: arrays[f"scales_{field.name}"] for field in fields(Scales)}),
         **{name: arrays[name] for name in _STRUCTURE},
     )
     reference = Reference(

@@ -38,26 +38,28 @@ def make_true_model(model: RobotModel, truth: Mapping[str, Any]) -> RobotModel:
             f"truth.json: it is of robot '{truth['robot']}' with {', '.join(planted) or 'nothing'} planted, "
             "not of the demonstration's twin; record the demonstration again."
         )
-    effects: list[dict[str, Any]] = [{"joint": joint, "effect": "rigid_body"} for joint in TWIN.joints]
-    for joint, level, slope in zip(TWIN.joints, TWIN.coulomb, TWIN.viscous, strict=True):
-        effects.append({"joint": joint, "effect": "coulomb", "parameters": {"level": level}})
-        effects.append(
-            {"joint": joint, "effect": OWN_EFFECTS["thinning_oil"], "parameters": {"slope": slope}}
-        )
-    for one in truth["planted"]:
-        own: dict[str, Any] = {"joint": one["joint"]}
-        if one["effect"] == SECRETS[0]:
-            own |= {"effect": OWN_EFFECTS["gas_spring_torque"], "parameters": {"force": FORCE}}
-        else:
-            own |= {"effect": "load_dependent_friction", "parameters": {"coefficient": LOAD_SHARE}}
-        effects.append(own)
-    for entry in effects:
-        entry["source"] = "planted"
+    spring = {"effect": OWN_EFFECTS["gas_spring_torque"], "parameters": {"force": FORCE}}
+    load = {"effect": "load_dependent_friction", "parameters": {"coefficient": LOAD_SHARE}}
+    own: list[dict[str, Any]] = [
+        *({"joint": joint, "effect": "rigid_body"} for joint in TWIN.joints),
+        *(
+            {"joint": joint, "effect": effect, "parameters": {name: value}}
+            for effect, name, values in (
+                ("coulomb", "level", TWIN.coulomb),
+                (OWN_EFFECTS["thinning_oil"], "slope", TWIN.viscous),
+            )
+            for joint, value in zip(TWIN.joints, values, strict=True)
+        ),
+        *(
+            {"joint": one["joint"], **(spring if one["effect"] == SECRETS[0] else load)}
+            for one in truth["planted"]
+        ),
+    ]
     noise = [truth["noise_rms"][joint] for joint in TWIN.joints]
     return model.replace(
         urdf_text=write_urdf(),
         name="twin-truth",
         description="The twin as it truly is.",
         sensors={**model.sensors.model_dump(mode="json", exclude_unset=True), "torque_noise": noise},
-        effects=effects,
+        effects=[one | {"source": "planted"} for one in own],
     )
