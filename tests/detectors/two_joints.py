@@ -1,22 +1,16 @@
 """Arm of two joints with the paper's friction law at the first, and its motion through all speeds."""
 
 import numpy as np
+from urdf_texts import Joint, describe_robot
 
 from wearscope.detectors.base import Batch
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import make_model
 
-URDF = """<robot name="two">
-<link name="base"/>
-<link name="upper"><inertial><origin xyz="0.3 0 0.02"/><mass value="8"/>
-<inertia ixx="0.05" iyy="0.3" izz="0.3" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0.2 0.01 0"/><mass value="4"/>
-<inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
-<joint name="j2" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.6 0 0"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1000" velocity="5"/></joint>
-</robot>"""
+URDF = describe_robot(
+    Joint("j1", "0 1 0", 8, "0.3 0 0.02", "0.05 0.3 0.3", "0 0 0.5", limits="-3 3 1000 5"),
+    Joint("j2", "0 1 0", 4, "0.2 0.01 0", "0.02 0.1 0.1", "0.6 0 0", limits="-3 3 1000 5"),
+)
 # Bittencourt's magnitudes (paper/notes.md) times 300 N m, at a gear ratio of 100.
 LAW = {
     "eta0": 9.3, "eta1": -7.5, "eta2": 0.48, "eta3": -0.2481, "eta4": 0.0098, "eta5": 14.0, "eta6": -0.12,
