@@ -2,14 +2,22 @@
 
 import numpy as np
 from click.testing import CliRunner
+from urdf_texts import Joint, describe_joint, describe_robot
 
 from wearscope.cli.main import wearscope
 
-LINK = """<link name="l{n}"><inertial><origin xyz="0 0 {z}"/><mass value="{m}"/><inertia ixx="{i}"
- ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial></link>
- <joint name="j{n}" type="revolute"><parent link="{p}"/>
- <child link="l{n}"/><origin xyz="0 0 {o}"/><axis xyz="0 -1 0"/>
- <limit lower="-3.1" upper="3.1" effort="900" velocity="9"/></joint>"""
+
+def pivot(name, at, mass=0.01, centre=-0.1, parent=""):
+    """A joint about the axis -y, `at` a height on its carrier, whose point mass is at the height `centre`."""
+    places = {"com": f"0 0 {centre}", "at": f"0 0 {at}", "moments": "1e-5 1e-5 1e-5"}
+    return Joint(name, "0 -1 0", mass, **places, limits="-3.1 3.1 900 9", parent=parent)
+
+
+def hang(urdf, name, at, parent):
+    """Hang a light link more on the link `parent` of the file."""
+    text = urdf.read_text()
+    more = describe_joint(text.count("<link"), pivot(name, at, parent=parent))
+    urdf.write_text(text.replace("</robot>", more + "</robot>"))
 
 
 def move(rng, t, n, size, frequencies):
@@ -60,12 +68,8 @@ class Bench:
     ):
         self.folder, self.n, self.runs, self.frequencies = folder, n, runs, frequencies
         self.size, self.rate, self.seconds = size, rate, seconds
-        links = [
-            LINK.format(n=k + 1, z=-length, m=mass, i=1e-5, o=-length if k else 0, p=f"l{k}" if k else "base")
-            for k in range(n)
-        ]
-        text = f'<robot name="chain"><link name="base"/>{"".join(links)}</robot>'
-        (folder / "arm.urdf").write_text(text)
+        links = [pivot(f"j{k + 1}", -length if k else 0, mass, -length) for k in range(n)]
+        (folder / "arm.urdf").write_text(describe_robot(*links))
 
     def record(self, torque, clock=None, position=lambda q, k: q, speed=None, shown=1.0):
         """With speeds where `speed` is their factor; the files show `shown` times the true time."""

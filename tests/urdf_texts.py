@@ -29,12 +29,15 @@ class Joint:
     parent: str = ""
 
 
+def describe_joint(k: int, joint: Joint) -> str:
+    """The joint and its link ``l{k}``."""
+    more = dict(zip(("xx", "yy", "zz"), joint.moments.split(), strict=True))
+    more["limit"] = LIMIT.format(*joint.limits.split()) if joint.limits else ""
+    more["carrier"] = joint.parent or (f"l{k - 1}" if k > 1 else "base")
+    return JOINT.format(k=k, **vars(joint), **more)
+
+
 def describe_robot(*joints: Joint) -> str:
     """A tree on the link ``base``; the links of the joints are ``l1`` and on."""
-    parts = ['<robot name="arm"><link name="base"/>']
-    for k, one in enumerate(joints, 1):
-        more = dict(zip(("xx", "yy", "zz"), one.moments.split(), strict=True))
-        more["limit"] = LIMIT.format(*one.limits.split()) if one.limits else ""
-        more["carrier"] = one.parent or (f"l{k - 1}" if k > 1 else "base")
-        parts.append(JOINT.format(k=k, **vars(one), **more))
-    return "\n".join([*parts, "</robot>"])
+    parts = [describe_joint(k, joint) for k, joint in enumerate(joints, 1)]
+    return "\n".join(['<robot name="arm"><link name="base"/>', *parts, "</robot>"])

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from urdf_texts import Joint, describe_robot
 
 from wearscope.cycles import periodic_excitation
 from wearscope.cycles.base import check_reference, list_cycles, load_cycle
@@ -41,18 +42,10 @@ def reference(model, cycle):
 
 def chain(n, prismatic=False):
     """Robot of n joints, the last one continuous, with limits chosen for each."""
-    links = "".join(
-        f'<link name="l{k}"><inertial><origin xyz="0 0 0.1"/><mass value="3"/>'
-        '<inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial></link>'
-        for k in range(1, n + 1)
-    )
-    joints = "".join(
-        f'<joint name="j{k}" type="{"continuous" if k == n else "prismatic" if prismatic else "revolute"}">'
-        f'<origin xyz="0 0 0.2"/><parent link="l{k - 1}"/><child link="l{k}"/>'
-        f'<axis xyz="{"0 1 0" if k % 2 else "0 0 1"}"/>'
-        '<limit lower="-0.3" upper="0.5" effort="9" velocity="2"/></joint>'
-        for k in range(1, n + 1)
-    )
+    kinds = ["prismatic" if prismatic else "revolute"] * (n - 1) + ["continuous"]
+    body = {"mass": 3, "com": "0 0 0.1", "moments": "0.1 0.1 0.1", "at": "0 0 0.2", "limits": "-0.3 0.5 9 2"}
+    axes = ["0 0 1", "0 1 0"]
+    joints = [Joint(f"j{k}", axes[k % 2], kind=kind, **body) for k, kind in enumerate(kinds, 1)]
     return make_model(
         {
             "name": f"chain{n}",
@@ -60,7 +53,7 @@ def chain(n, prismatic=False):
             "joints": [f"j{k}" for k in range(1, n + 1)],
             "drive": {"speed_limit": [2.0] * n, "acceleration_limit": [8.0] * n, "jerk_limit": [80.0] * n},
         },
-        f'<robot name="chain"><link name="l0"/>{links}{joints}</robot>',
+        describe_robot(*joints),
     )
 
 

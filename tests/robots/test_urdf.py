@@ -7,6 +7,7 @@ import pinocchio as pin
 import pybullet
 import pytest
 from pybullet_utils.bullet_client import BulletClient
+from urdf_texts import Joint, describe_robot
 
 from wearscope import limits
 from wearscope.errors import InputError
@@ -187,22 +188,11 @@ def test_pybullet_moves_as_pinocchio_says(tmp_path, motion):
 
 
 def test_branches_follow_the_callers_order():
-    text = """<robot name="y">
-      <link name="base"/>
-      {links}
-      {joints}
-    </robot>""".format(
-        links="".join(
-            f'<link name="{n}"><inertial><origin xyz="0.1 0.2 0.{k}"/><mass value="{k + 1}"/>'
-            '<inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
-            for k, n in enumerate("abc")
-        ),
-        joints="".join(
-            f'<joint name="{n}" type="revolute"><origin xyz="0 0 0.5"/><parent link="{p}"/>'
-            f'<child link="{c}"/>'
-            '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-            for n, p, c in (("trunk", "base", "a"), ("zeta", "a", "b"), ("alpha", "a", "c"))
-        ),
+    text = describe_robot(
+        *(
+            Joint(name, "0 1 0", k + 1, f"0.1 0.2 0.{k}", at="0 0 0.5", limits="-1 1 1 1", parent=parent)
+            for k, (name, parent) in enumerate((("trunk", "base"), ("zeta", "l1"), ("alpha", "l1")))
+        )
     )
     q, v, a = np.random.default_rng(2).normal(size=(3, 4, 3))
     names = ["trunk", "zeta", "alpha"]
@@ -350,10 +340,6 @@ def test_rounding_of_the_triangle_inequality_is_mended_silently():
 
 def test_more_joints_than_a_robot_has_are_refused():
     n = limits.JOINTS + 1
-    links = "".join(
-        f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
-        f'<joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
-        for k in range(1, n + 1)
-    )
+    text = describe_robot(*(Joint(f"j{k}", kind="continuous") for k in range(n)))
     with pytest.raises(InputError, match=f"{n} joints move, more than {limits.JOINTS}; name those"):
-        normalise_urdf(f'<robot name="x"><link name="l0"/>{links}</robot>')
+        normalise_urdf(text)

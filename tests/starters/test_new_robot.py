@@ -8,6 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 import yaml
+from urdf_texts import Joint, describe_robot
 
 from wearscope.checking.robot import check_robot_folder
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields
@@ -25,18 +26,12 @@ AXES = ("0 0 1", "0 1 0")
 
 def write_arm(path, links=3, effort=(60.0, 50.0, 20.0), velocity=3.0, dynamics="", mass=2.0, kind="revolute"):
     """A chain that stands upright, its axes turning in a plane."""
-    parts = ['<robot name="arm"><link name="base"/>']
-    for k in range(links):
-        parent = "base" if k == 0 else f"l{k - 1}"
-        limit = f'<limit lower="-2.5" upper="2.5" effort="{effort[k]}" velocity="{velocity}"/>'
-        parts.append(
-            f'<link name="l{k}"><inertial><origin xyz="0 0 0.15"/><mass value="{mass}"/>'
-            '<inertia ixx="0.02" iyy="0.02" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{k}" type="{kind}"><parent link="{parent}"/><child link="l{k}"/>'
-            f'<origin xyz="0 0 {0.3 if k else 0}"/><axis xyz="{AXES[k > 0]}"/>{limit}{dynamics}'
-            "</joint>"
-        )
-    path.write_text("".join(parts) + "</robot>")
+    body = {"mass": mass, "com": "0 0 0.15", "moments": "0.02 0.02 0.004", "kind": kind}
+    joints = [
+        Joint(f"j{k}", AXES[k > 0], at=f"0 0 {0.3 if k else 0}", limits=f"-2.5 2.5 {most} {velocity}", **body)
+        for k, most in enumerate(effort[:links])
+    ]
+    path.write_text(describe_robot(*joints).replace("<parent", dynamics + "<parent"))
     return path
 
 
@@ -129,7 +124,7 @@ def test_a_gripper_of_coupled_joints_is_left_out(tmp_path):
     """A finger that another joint follows is not simulated; a joint that is named is refused as before."""
     urdf = write_arm(tmp_path / "a.urdf", 4, (60.0, 50.0, 20.0, 5.0))
     thumb = (
-        '<link name="thumb"/><joint name="thumb" type="revolute"><parent link="l2"/><child link="thumb"/>'
+        '<link name="thumb"/><joint name="thumb" type="revolute"><parent link="l3"/><child link="thumb"/>'
         '<limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="j3"/></joint></robot>'
     )
     urdf.write_text(urdf.read_text().replace("</robot>", thumb))

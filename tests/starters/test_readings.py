@@ -10,7 +10,7 @@ import yaml
 from changed_fields import changed_fields
 from click.testing import CliRunner
 from folders import change_runs, find_real
-from recorded_chain import LINK, Bench, chain, rub, torque_of
+from recorded_chain import Bench, chain, hang, rub, torque_of
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
@@ -480,20 +480,17 @@ def test_a_gripper_that_holds_one_position_and_one_torque_is_taken(tmp_path):
 
 def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):
     bench = Bench(tmp_path, 3, 0.5)
-    text = (tmp_path / "arm.urdf").read_text()
-    for k in range(3):
-        text = text.replace(f'"j{k + 1}"', f'"arm_{k + 1}"')
-    more = LINK.format(n=9, z=-0.1, m=0.01, i=1e-5, p="l3", o=-0.3).replace('"j9"', '"finger"')
-    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", more + "</robot>"))
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace('name="j', 'name="arm_'))
+    hang(urdf, "finger", -0.3, "l3")
     bench.record(torque_of(0.5, 0.1, 0.1))
     for k in range(3):
         file = tmp_path / f"run{k}.csv"
         head, rest = file.read_text().split("\n", 1)
         head = head.replace("tau", "effort_arm_").replace("q", "position_arm_")
         file.write_text(head + "\n" + rest)
-    urdf, plain = tmp_path / "arm.urdf", (tmp_path / "arm.urdf").read_text()
-    wheel = LINK.format(n=8, z=-0.1, m=0.01, i=1e-5, p="base", o=0.2).replace('"j8"', '"wheel"')
-    urdf.write_text(plain.replace("</robot>", wheel + "</robot>"))
+    plain = urdf.read_text()
+    hang(urdf, "wheel", 0.2, "base")
     assert "--joints arm_1,arm_2,arm_3" in bench.refuse()
     urdf.write_text(plain)
     text = bench.take("--joints", "arm_1,arm_2").output
@@ -505,9 +502,9 @@ def test_joints_that_the_columns_have_are_proposed_and_found(tmp_path):
 
 def test_a_gripper_in_the_urdf_has_no_numbered_column(tmp_path):
     bench = Bench(tmp_path, 2, 0.5)
-    more = LINK.format(n=9, z=-0.1, m=0.01, i=1e-5, p="l2", o=-0.3).replace('"j9"', '"finger"')
     urdf = tmp_path / "arm.urdf"
-    urdf.write_text(urdf.read_text().replace("</robot>", more + "</robot>").replace('"j', '"arm'))
+    urdf.write_text(urdf.read_text().replace('name="j', 'name="arm'))
+    hang(urdf, "finger", -0.3, "l2")
     bench.record(torque_of(0.5, 0.1, 0.1))
     done = bench.take()
     assert done.exit_code == 0 and "finger: left out, as a hand behind arm2" in done.output

@@ -10,28 +10,18 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from urdf_texts import Joint, describe_robot
 
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import InputError
 
-JOINT = (
-    '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-    '<axis xyz="0 0 1"/></joint>'
-)
-LINK = (
-    '<link name="{name}"><inertial><mass value="2"/>'
-    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-)
 ROWS, RATE = 400, 100.0
 
 
 def make_urdf(kinds=("revolute", "revolute")):
-    links = "".join(LINK.format(name=name) for name in ("base", "one", "two"))
-    joints = JOINT.format(name="j1", kind=kinds[0], parent="base", child="one")
-    joints += JOINT.format(name="j2", kind=kinds[1], parent="one", child="two")
-    return f'<robot name="r">{links}{joints}</robot>'
+    return describe_robot(Joint("j1", mass=2, kind=kinds[0]), Joint("j2", mass=2, kind=kinds[1]))
 
 
 def make_table(seed):
