@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from folders import change_runs
+from own_effects import HOSE, PRESSURE
 
 from wearscope.closed_loop.run import close_loop
 from wearscope.cycles.base import Reference
@@ -11,39 +12,8 @@ from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.simulation.forward import simulate_forward
 
-HOSE = """
-import numpy as np
-from wearscope.effects.base import Effect, Parameter, compile_row
-
-
-@compile_row
-def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    out[0] = np.sin(3.0 * q[j]) * sign[j]
-
-
-EFFECT = Effect(
-    name="hose_drag",
-    form="level sin(3 q) sign(v)",
-    coefficients=(Parameter("level", "{torque}"),),
-    source="a test",
-    depends_on=("q_{joint}", "sign_qd_{joint}"),
-    row=_row,
-)
-"""
-PRESSURE = """
-from wearscope.effects.base import Effect, Parameter
-
-
-EFFECT = Effect(
-    name="balancer_pressure",
-    form="area p sin(2 q)",
-    coefficients=(Parameter("area", "{torque}/bar"),),
-    source="a test",
-    depends_on=("pressure", "q_{joint}"),
-    regressors=lambda s, j, shape: s.channels["pressure"][:, None] * s.q[:, [j]],
-    applies=lambda s, j: "pressure" in s.channels,
-)
-"""
+SHAPE = '    shape=(Parameter("k", "1/{position}", default=2.0),),\n'
+FIXED = HOSE.replace("shape[0]", "3.0").replace(SHAPE, "")
 SMALL = {"runs": 4, "duration": 8.0, "seed": 4}
 
 
@@ -56,7 +26,7 @@ def hose(tmp_path):
     """Effect file outside of package and data set."""
     path = tmp_path / "mine" / "hose.py"
     path.parent.mkdir()
-    path.write_text(HOSE)
+    path.write_text(FIXED)
     return path
 
 
@@ -103,7 +73,7 @@ def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(record, tmp_pa
     fields = {"effects": ["hose.py"]} if place == "effects" else {"declared_effects": [*declared, "hose.py"]}
     folder = record(extra_torque=drag, fields=fields, **SMALL)
     mark = tmp_path / "ran"
-    (folder / "hose.py").write_text(f"open({str(mark)!r}, 'w').close()\n{HOSE}")
+    (folder / "hose.py").write_text(f"open({str(mark)!r}, 'w').close()\n{FIXED}")
     with pytest.raises(InputError, match=r"hose\.py: is Python code that a data set names.*allow_code=true"):
         close_loop(folder, tmp_path / "out", light=True)
     assert not mark.exists() and not (tmp_path / "out").exists()
@@ -134,4 +104,4 @@ def test_an_effect_with_a_measured_channel_is_named(record, tmp_path):
     assert entry["effect"] == "balancer_pressure" and entry["equivalent"] == []
     assert entry["depends_on"] == ["pressure", "q_a"]
     area = entry["parameters"]["area"]
-    assert area["unit"] == "N m/bar" and area["value"] == pytest.approx(0.15, rel=0.05)
+    assert area["unit"] == "N m/(bar rad)" and area["value"] == pytest.approx(0.15, rel=0.05)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calls import call_python
+from own_effects import HOSE, PRESSURE
 from urdf_texts import Joint, describe_robot
 
 from wearscope.cycles.base import Reference
@@ -15,43 +16,6 @@ from wearscope.robots.model import load_model, save_model
 from wearscope.simulation.forward import trace_forward
 from wearscope.simulation.plant import build_plant
 
-GOOD = """
-import numpy as np
-from wearscope.effects.base import Effect, Parameter, Signals, compile_row
-
-
-@compile_row
-def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    out[0] = np.sin(shape[0] * q[j]) * sign[j]
-
-
-EFFECT = Effect(
-    name="hose_drag",
-    form="level sin(k q) sign(v)",
-    coefficients=(Parameter("level", "{torque}"),),
-    source="a test",
-    depends_on=("q_{joint}", "sign_qd_{joint}"),
-    row=_row,
-    shape=(Parameter("k", "1/{position}", default=2.0),),
-)
-"""
-CHANNELS = """
-from wearscope.effects.base import Effect, Parameter
-
-
-def stack(signals, joint, shape):
-    return signals.channels["pressure"][:, None] * signals.q[:, [joint]]
-
-
-EFFECT = Effect(
-    name="balancer_pressure",
-    form="area p q",
-    coefficients=(Parameter("area", "{torque}/(bar {position})"),),
-    source="a test",
-    depends_on=("pressure", "q_{joint}"),
-    regressors=stack,
-)
-"""
 LOAD = (
     "from wearscope.effects.base import load_effect\n"
     "import numpy as np\n"
@@ -62,7 +26,7 @@ LOAD = (
 
 @pytest.fixture
 def write(tmp_path):
-    def make(text=GOOD, name="hose.py"):
+    def make(text=HOSE, name="hose.py"):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
@@ -97,18 +61,18 @@ def test_the_same_path_gives_the_same_object_until_the_file_changes(write, tmp_p
     monkeypatch.chdir(tmp_path)
     assert load_effect("./hose.py") is effect
     assert effect.reference == effect.label == str(path)
-    write(GOOD.replace("hose_drag", "cable_drag"))
+    write(HOSE.replace("hose_drag", "cable_drag"))
     assert load_effect(str(path)).name == "cable_drag"
 
 
 def test_files_of_one_name_in_two_folders_are_two_effects(write):
-    one, two = write(name="x/own.py"), write(GOOD.replace("hose_drag", "cable_drag"), "y/own.py")
+    one, two = write(name="x/own.py"), write(HOSE.replace("hose_drag", "cable_drag"), "y/own.py")
     assert [load_effect(str(path)).name for path in (one, two)] == ["hose_drag", "cable_drag"]
 
 
 def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(write, tmp_path):
     ran = tmp_path / "ran"
-    path = write(f"open({str(ran)!r}, 'w').close()\n{GOOD}")
+    path = write(f"open({str(ran)!r}, 'w').close()\n{HOSE}")
     with pytest.raises(InputError, match=r"hose.py: is Python code.*--config allow_code=true"):
         load_effect(str(path), allow_code=False)
     assert not ran.exists()
@@ -129,7 +93,7 @@ def test_it_is_evaluated_and_simulated_by_the_same_row(write, signals):
 
 
 def test_further_channels_are_signals_of_an_own_effect(write, signals):
-    effect = load_effect(str(write(CHANNELS)))
+    effect = load_effect(str(write(PRESSURE)))
     pressure = 50.0 + np.sin(signals.t)
     measured = replace(signals, channels={"pressure": pressure})
     torque = effect.torque(measured, 2, {"area": 0.1})
@@ -141,7 +105,7 @@ def test_further_channels_are_signals_of_an_own_effect(write, signals):
 
 
 def test_a_row_stands_for_signals_without_channels(write, signals):
-    both = GOOD.replace("row=_row,", "row=_row, regressors=lambda s, j, shape: 5.0 * s.q[:, [j]],")
+    both = HOSE.replace("row=_row,", "row=_row, regressors=lambda s, j, shape: 5.0 * s.q[:, [j]],")
     effect = load_effect(str(write(both)))
     by_row = np.sin(2.0 * signals.q[:, 1]) * signals.sign[:, 1]
     np.testing.assert_allclose(effect.torque(signals, 1, {"level": 1.0}), by_row)
@@ -150,13 +114,13 @@ def test_a_row_stands_for_signals_without_channels(write, signals):
 
 
 def test_an_effect_without_a_row_is_not_simulated(write):
-    effect = load_effect(str(write(CHANNELS)))
+    effect = load_effect(str(write(PRESSURE)))
     with pytest.raises(InputError, match=r"hose.py: effect 'balancer_pressure' has no 'row'"):
         effect.install(Plant(2), 0, {"area": 0.1})
 
 
 def test_regressors_of_a_wrong_shape_are_refused(write, signals):
-    effect = load_effect(str(write(CHANNELS.replace("[:, None] * signals.q[:, [joint]]", ""))))
+    effect = load_effect(str(write(PRESSURE.replace("[:, None] * s.q[:, [j]]", ""))))
     measured = replace(signals, channels={"pressure": signals.t})
     with pytest.raises(InputError, match=r"have the shape \(2000,\) where \(2000, 1\) is needed"):
         effect.columns(measured, 0, np.zeros(0))
@@ -195,8 +159,8 @@ def test_regressors_of_a_wrong_shape_are_refused(write, signals):
     ],
 )
 def test_what_breaks_a_rule_is_told_in_one_sentence(write, old, new, said):
-    assert old in GOOD
-    path = write(GOOD.replace(old, new, 1))
+    assert old in HOSE
+    path = write(HOSE.replace(old, new, 1))
     with pytest.raises(InputError, match=said) as told:
         load_effect(str(path))
     message = str(told.value)
@@ -204,7 +168,7 @@ def test_what_breaks_a_rule_is_told_in_one_sentence(write, old, new, said):
 
 
 def test_variants_and_extensions_are_tuples_of_coefficients(write):
-    two = GOOD.replace('"{torque}"),)', '"{torque}"), Parameter("slope", "{torque}"))')
+    two = HOSE.replace('"{torque}"),)', '"{torque}"), Parameter("slope", "{torque}"))')
     two = two.replace("    out[0] =", "    out[1] = q[j]\n    out[0] =")
     fields = 'variants=(("level",),), extensions=(("level", "slope"), ("slope",)),'
     effect = load_effect(str(write(two.replace("row=_row,", f"row=_row, {fields}"))))

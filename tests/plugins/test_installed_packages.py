@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from calls import call_python
+from own_effects import HOSE
 
 import wearscope
 from wearscope import plugins
@@ -40,24 +41,6 @@ from wearscope.cycles import axis_sweeps
 from wearscope.cycles.base import Cycle
 
 CYCLE = Cycle("there_and_back", "The sweeps under another name.", axis_sweeps.CYCLE.build)
-"""
-EFFECT = """
-from wearscope.effects.base import Effect, Parameter, compile_row
-
-
-@compile_row
-def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
-    out[0] = q[j] ** 3
-
-
-EFFECT = Effect(
-    name="hose_drag",
-    form="stiffness q^3",
-    coefficients=(Parameter("stiffness", "{torque}/{position}^3"),),
-    source="a test",
-    depends_on=("q_{joint}",),
-    row=_row,
-)
 """
 POINTS = """
 [wearscope.detectors]
@@ -90,7 +73,7 @@ def installed(tmp_path, monkeypatch):
         "peak_torque.py": f"print('peak_torque imported')\n{DETECTOR}",
         "broken.py": "raise RuntimeError('no licence')\n",
         "there_and_back.py": CYCLE,
-        "hose_drag.py": EFFECT,
+        "hose_drag.py": HOSE,
         "arm/__init__.py": "",
     }
     for name, text in files.items():
@@ -140,7 +123,7 @@ def test_model_with_an_installed_effect_is_simulated(installed):
 
     model = load_model("my_arm")
     entries = [entry.model_dump() for entry in model.effects]
-    added = {"joint": model.joints[1], "effect": "hose_drag", "parameters": {"stiffness": 90.0}}
+    added = {"joint": model.joints[1], "effect": "hose_drag", "parameters": {"level": 90.0}}
     with_hose = model.replace(effects=[*entries, added])
     plain, dragged = (simulate(one, "axis_sweeps", step=0.004) for one in (model, with_hose))
     moved = (plain["tau"] - dragged["tau"]).abs().groupby(plain["joint"]).max()
@@ -260,5 +243,5 @@ def test_a_loop_is_stale_once_an_effect_s_package_changed(installed, run):
     loop = ["diagnose", str(data), "--cores", "1", "--set", "closed_loop.effects=[hose_drag]"]
     run(*loop)
     assert run(*loop, "--dry-run") == "Nothing to be done."
-    rewrite(installed / "dummy_plugins" / "hose_drag.py", "q[j] ** 3", "q[j] ** 5")
+    rewrite(installed / "dummy_plugins" / "hose_drag.py", "np.sin(", "np.cos(")
     assert run(*loop, "--dry-run") == "3 jobs to do."
