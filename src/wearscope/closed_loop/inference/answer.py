@@ -151,13 +151,15 @@ def find_terms(
         if {t.key for t in model.terms} == before:
             break
     model = moves.settle(moves.explain_rest(model))
-    model, left = _compare_unbelievable(moves, model)
+    past = [t for t in model.terms if t.effect.name == PAST.name]
+    left = {t.joint: _tell_past(problem, model, t) for t in past}
+    model = moves.prune(model.has([t for t in model.terms if t.effect.name != PAST.name]))
+    model, unbelievable = _compare_unbelievable(moves, model)
+    left |= unbelievable
     model = model.has(_join_parts(model.terms))
-    left |= {t.joint: _tell_past(problem, model, t) for t in model.terms if t.effect.name == PAST.name}
     # No model can hold the past, but names are judged next to it.
-    names = [t for t in model.terms if t.effect.name != PAST.name]
-    found = [_judge(moves, model, t) for t in names]
-    model = model.has(names).rescale()
+    whole = model.has([*model.terms, *past])
+    found = [_judge(moves, whole, t) for t in model.terms]
     asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
     more, suspected = _ask_rest(moves, model, asked)
     left |= more
