@@ -244,4 +244,5 @@ def test_a_loop_is_stale_once_an_effect_s_package_changed(installed, run):
     run(*loop)
     assert run(*loop, "--dry-run") == "Nothing to be done."
     rewrite(installed / "dummy_plugins" / "hose_drag.py", "np.sin(", "np.cos(")
-    assert run(*loop, "--dry-run") == "3 jobs to do."
+    # Closing, reporting and showing the loop, and the target of all three.
+    assert run(*loop, "--dry-run") == "4 jobs to do."
