@@ -313,6 +313,7 @@ def test_stamps_of_seconds_and_nanoseconds_with_an_empty_row(tmp_path, truth):
     [
         (lambda t: t[::-1], {"time_unit": "s"}, "runs backwards at 2999 rows, first at row 1"),
         (np.ones_like, {}, "does not increase"),
+        (np.ones_like, {"time_unit": "s"}, "does not increase"),
         (lambda t: t > 0.0, {}, "t': holds truth values, no times"),
     ],
 )

@@ -33,6 +33,7 @@ _FEW_DATES = 2
 _BACK, _FEWEST = 0.5, 50
 #: Share of a column that must be numbers for the rest to be rows without a time.
 _NUMBERS = 0.5
+_STANDS = "does not increase; name another column with --time, or give --rate."
 
 
 def to_seconds(
@@ -106,7 +107,7 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
     steps = np.diff(t[np.isfinite(t)])
     steps = steps[steps > 0.0]
     if not len(steps):
-        raise InputError(f"{where}: does not increase; name another column with --time, or give --rate.")
+        raise InputError(f"{where}: {_STANDS}")
     step = float(np.median(steps))
     units = [name for name, size in UNITS.items() if _SLOWEST <= 1.0 / (step * size) <= _FASTEST]
     words = split_name(column)
@@ -166,7 +167,7 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
     Raises
     ------
     InputError
-        Where time runs backwards at many rows.
+        Where time runs backwards at many rows, or never increases.
     """
     rows = np.flatnonzero(np.isfinite(t))
     if not len(rows):
@@ -186,6 +187,8 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
     if np.mean(again) > _COARSE:
         # Where within its tick a clock begins and ends is not known.
         ticks = np.flatnonzero(~again)[1:]
+        if not len(ticks):
+            raise InputError(f"{where}: {_STANDS}")
         kept = np.interp(np.arange(len(kept)), ticks, kept[ticks])
         keep = np.concatenate([np.diff(kept) > 0.0, [False]])
         notes.append(f"{where}: the clock is coarser than the samples, which are spread between its ticks.")
