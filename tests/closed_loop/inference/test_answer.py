@@ -1,7 +1,10 @@
 """From a model to its names."""
 
 import numpy as np
+import pytest
 
+from benchmarks.board.regimes import list_cases
+from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.answer import _join_parts
 from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import Candidate
@@ -30,3 +33,14 @@ def test_parts_of_one_effect_are_one_name():
         ("cross_coupling", 2, (0,), (1.0,)),
         ("cross_coupling", 1, (0,), (3.0,)),
     ]
+
+
+@pytest.mark.slow
+def test_a_name_is_judged_next_to_what_depends_on_the_past(tmp_path):
+    """A short recording whose noise drifts: without the drift, other names are far more probable."""
+    list_cases("development", 200, 7)[159].make(tmp_path / "d")
+    verdict = diagnose(tmp_path / "d").verdict
+    assert "depends on the past" in verdict["joints"]["j4"]["reason"]
+    (entry,) = (one for one in verdict["verdict"] if one["joint"] == "j4")
+    assert entry["effect"] == "torque_offset" and "coulomb_asymmetry" in entry["equivalent"]
+    assert entry["probability"] > 0.5
