@@ -3,8 +3,8 @@
     python -m benchmarks.ablation --out DIR [--cases 60] [--seed 7] [--only NAME ...] [--jobs 1]
 
 Of 200 cases those with the fewest samples are diagnosed, first as they are, then with each number halved and
-doubled, and without each move.
-Printed: for each, how many cases are exact, how many are won and lost, and McNemar's p-value.
+doubled, and without each move. Printed: for each, how many cases are exact, how many are won and lost, and
+McNemar's p-value.
 """
 
 import sys
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from benchmarks.board.regimes import Case, list_cases
+from benchmarks.board.regimes import list_cases
 from benchmarks.paired import compare
 from benchmarks.runner import make_parser, run_cases
 from wearscope.closed_loop.inference.moves import Moves
@@ -51,11 +51,6 @@ def close_with(policy: Policy, move: str, dataset: Path, out_dir: Path) -> Any:
         return close_loop(dataset, out_dir, light=True, policy=policy)
 
 
-def count_samples(case: Case) -> float:
-    """Samples of all joints in a case's training runs."""
-    return len(case.machine.joints) * int(case.axes["runs"]) * case.recipe.duration * case.recipe.rate
-
-
 def main(arguments=None):
     """Command line."""
     parser = make_parser(__doc__)
@@ -63,7 +58,7 @@ def main(arguments=None):
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--only", nargs="*", help="variants")
     given = parser.parse_args(arguments)
-    cases = sorted(list_cases("development", 200, given.seed), key=count_samples)[: given.cases]
+    cases = sorted(list_cases("development", 200, given.seed), key=lambda case: case.samples)[: given.cases]
     for name, policy, move in list_variants():
         if given.only and name not in ("as it is", *given.only):
             continue

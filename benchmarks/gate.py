@@ -1,6 +1,6 @@
 """Whether a changed search may replace the present one: frozen cases and real machines, paired.
 
-    python -m benchmarks.gate --out DIR [--cases 200] [--drawn 100] [--data FOLDER] [--jobs 1]
+    python -m benchmarks.gate --out DIR [--cases 200] [--smallest N] [--drawn 100] [--data FOLDER] [--jobs 1]
     python -m benchmarks.gate BEFORE AFTER
 
 The first form diagnoses development cases of the board, drawn cases of the second generator and, where the
@@ -90,12 +90,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folders", nargs="*", type=Path, metavar="DIR", help="before and after")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--smallest", type=int, help="of these cases those with the fewest samples")
     parser.add_argument("--drawn", type=int, default=100)
     parser.add_argument("--data", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     if given.out is not None:
-        run_cases(list_cases("development", given.cases, SEED), given.out / "board", given.jobs)
+        cases = sorted(list_cases("development", given.cases, SEED), key=lambda case: case.samples)
+        run_cases(cases[: given.smallest], given.out / "board", given.jobs)
         run_cases([draw_case(k) for k in range(SEED, SEED + given.drawn)], given.out / "outside", given.jobs)
         if given.data is not None:
             measure_machines(given.data, given.out)

@@ -117,6 +117,11 @@ class Case:
         """Name of the data set: a digest that tells nothing of the truth."""
         return "d" + hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
+    @property
+    def samples(self) -> float:
+        """Samples of all joints in the training runs."""
+        return len(self.machine.joints) * int(self.axes["runs"]) * self.recipe.duration * self.recipe.rate
+
     def make(self, folder: Path) -> dict[str, Any]:
         """Write the data set; the truth, which stays out of it."""
         from benchmarks.board.generate import generate_dataset

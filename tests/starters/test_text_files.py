@@ -38,7 +38,7 @@ def assert_same(made, **truth):
     """Whether the first 400 rows of a conversion are as recorded."""
     for k, joint in enumerate(("left_axis", "right_axis")):
         for one, x in ({"q": Q, "tau": TAU} | truth).items():
-            np.testing.assert_allclose(made.runs[0].frame[f"{one}_{joint}"][:400], x[:400, k], atol=1e-6)
+            np.testing.assert_allclose(made.runs[0].frame[f"{one}_{joint}"][:400], x[:400, k], atol=1e-7)
 
 
 def convert(folder, *files, **mapped):

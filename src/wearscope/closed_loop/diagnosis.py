@@ -294,7 +294,7 @@ def conclude(
     aligned, impossible = keep_possible(declared, len(declared.entries))
     before = undo_shifts(aligned, problem.late)
     after, why, beyond, helped = withdraw_worse(declared, aligned, sigma, terms, marked)
-    apart = find_contradictions(prepared, after)
+    apart = find_contradictions(after)
     marked = [_withhold(term, mark, apart) for term, mark in zip(terms, marked, strict=True)]
     named = [
         Attribution(term, f.share, f.probability, names, mark, withdrawn)

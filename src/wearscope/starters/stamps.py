@@ -33,7 +33,8 @@ _FEW_DATES = 2
 _BACK, _FEWEST = 0.5, 50
 #: Share of a column that must be numbers for the rest to be rows without a time.
 _NUMBERS = 0.5
-_STANDS = "does not increase; name another column with --time, or give --rate."
+_ELSE = "name another column with --time, or leave this one out and give --rate."
+_STANDS = f"does not increase; {_ELSE}"
 
 
 def to_seconds(
@@ -121,10 +122,7 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
         )
     if units:
         return units[0], "step"
-    raise InputError(
-        f"{where}: steps by {step:.6g}, which gives no robot's rate in s, ms, us or ns; name another column "
-        "with --time, or give --rate."
-    )
+    raise InputError(f"{where}: steps by {step:.6g}, which gives no robot's rate in s, ms, us or ns; {_ELSE}")
 
 
 def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
@@ -171,7 +169,7 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
     """
     rows = np.flatnonzero(np.isfinite(t))
     if not len(rows):
-        raise InputError(f"{where}: has no time in any row; name another column with --time, or give --rate.")
+        raise InputError(f"{where}: has no time in any row; {_ELSE}")
     notes = [f"{where}: {len(t) - len(rows)} rows without a time are left out."] if len(rows) < len(t) else []
     back = int(np.sum(np.diff(t[rows]) < 0.0))
     if back > max(_UNSORTED * len(rows), 1):

@@ -53,7 +53,7 @@ def test_noise_is_no_contradiction_and_a_torque_from_outside_is_one(record, pose
     extra = None if torque is None else in_runs(torque, where)
     problem = pose(record(extra_torque=extra, seed=seed, runs=5, duration=10.0))
     model = fit_problem(problem)
-    found = find_contradictions(problem.prepared, model)
+    found = find_contradictions(model)
     joint = {pull: 0, drag: 1}.get(torque)
     told = {j: [f"runs/r{k}.parquet" for k in where] for j in [joint] if j is not None}
     assert {j: sorted(one.files) for j, one in found.items()} == told

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.regression import Regression
 
 #: Runs contradict the others where their error (RMS), left out of the fit, is this many times that of the
@@ -28,7 +27,7 @@ class Contradiction:
     share: float
 
 
-def find_contradictions(prepared: Prepared, model: Regression) -> dict[int, Contradiction]:
+def find_contradictions(model: Regression) -> dict[int, Contradiction]:
     """By joint, training runs that a model fitted to the others misses by far.
 
     Without them the others are fitted better. Half of the recordings at most can contradict the others, and
@@ -37,7 +36,6 @@ def find_contradictions(prepared: Prepared, model: Regression) -> dict[int, Cont
 
     Parameters
     ----------
-    prepared : Prepared
     model : Regression
         The corrected model.
 
@@ -45,12 +43,8 @@ def find_contradictions(prepared: Prepared, model: Regression) -> dict[int, Cont
     -------
     dict of int to Contradiction
     """
-    found = {}
-    for j in np.flatnonzero(prepared.moving).tolist():
-        one = _compare(model, j)
-        if one is not None:
-            found[j] = one
-    return found
+    compared = {j: _compare(model, j) for j in np.flatnonzero(model.prepared.moving).tolist()}
+    return {j: one for j, one in compared.items() if one is not None}
 
 
 def _compare(model: Regression, j: int) -> Contradiction | None:

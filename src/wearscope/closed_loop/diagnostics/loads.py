@@ -80,9 +80,8 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
-        decimals = int(
-            np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4)
-        )  # to the first digit of the error
+        # Up to the first digit of the error.
+        decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))
         low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
         told = (
             f"{_DIFFERS}, {heavy} with {middle} kg ({low} to {high}) more than "

@@ -87,7 +87,7 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
 def _note_payload(prepared: Prepared, found: Weighed) -> None:
     """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it.
 
-    A load that moves the last link's weight and adds next to none looks like another zero of the last joint.
+    Where only the place of the weight changes, the link's own weight and the joint's zero explain it as well.
     """
     if PAYLOAD not in found.best.terms:
         return
@@ -105,9 +105,9 @@ def _note_payload(prepared: Prepared, found: Weighed) -> None:
     if np.linalg.norm(more[1:]) > _AWAY * reach * abs(mass) or error > abs(mass):
         if np.any(np.abs(more[1:]) > errors[1:]):
             prepared.notes.append(
-                f"{prepared.dataset.joints[-1]}: the last link's weight acts elsewhere than stated, or its "
-                "positions have another zero; these torques do not tell which. Compare a recorded position "
-                "with the robot's pose."
+                f"{prepared.dataset.joints[-1]}: the last link's weight acts elsewhere than stated. A load "
+                "is missing, its centre of mass is off, or its positions have another zero; these torques do "
+                "not tell which. State the tool, or compare a recorded position with the robot's pose."
             )
         return
     files = dict.fromkeys(prepared.runs[k].file for k in numbers.tolist())
