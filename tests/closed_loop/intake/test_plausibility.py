@@ -421,6 +421,16 @@ def test_real_machines_are_believed(name, more):
 
 
 @pytest.mark.slow
+def test_a_factor_of_a_real_machine_s_torques_is_told_next_to_a_payload(tmp_path):
+    folder = shutil.copytree(find_real("kr300"), tmp_path / "kr300")
+    change_runs(folder, lambda x: x.assign(**{k: 3.0 * x[k] for k in x if k.startswith("tau")}))
+    notes = check(folder).notes
+    assert any("kg heavier than stated" in note for note in notes)
+    (told,) = [note for note in notes if "times what the stated bodies need" in note]
+    assert told.startswith("or, which these motions do not tell from a payload, ")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_real_machine_with_positions_of_another_scale_is_told(tmp_path, factor):
     """Its balancer is not in the model."""

@@ -22,8 +22,10 @@ _AWAY, _SURE = 2.0, 2.0
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
     loaded = PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",)
+    rivals: list[str] = []
     if loaded and found.best.over(found.stated) < REFUSE:
         # A payload explains about as much as a factor of the torques, and it can be weighed.
+        rivals = [told for some in tell(found.best.reading, rows) for told, _ in some]
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
@@ -41,6 +43,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
         if len(factors) < len(names):
             prepared.noted = {(TORQUE_CONSTANT.name, j): one - 1.0 for j, one in factors.items()}
     _note_payload(prepared, found)
+    prepared.notes += [f"or, which these motions do not tell from a payload, {told}" for told in rivals]
     for k, j in enumerate(model.fit.joint.tolist()):
         if model.rub(k) < _NO_FRICTION and model.left[k] < LITTLE:
             prepared.link_side = prepared.link_side | {names[j]}
