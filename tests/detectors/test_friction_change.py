@@ -58,7 +58,7 @@ def test_axis_at_rest_is_refused(fitted):
 
 
 def test_options_are_checked():
-    with pytest.raises(Exception, match="payload_error must be positive"):
+    with pytest.raises(Exception, match="payload_error should be greater than 0"):
         load_detector("friction_change", {"payload_error": 0.0})
 
 

@@ -223,7 +223,7 @@ def test_load_detector_explains_what_is_wrong(tmp_path, user_file):
         load_detector(str(tmp_path / "gone.py"))
     with pytest.raises(InputError, match=r"refuses its options.*volume"):
         load_detector(user_file(), {"volume": 11})
-    with pytest.raises(InputError, match="floor must lie between 0 and 1"):
+    with pytest.raises(InputError, match="floor should be less than 1"):
         load_detector("distribution_distance", {"floor": 2})
     half = tmp_path / "half.py"
     half.write_text("class DETECTOR:\n def fit(self, nominal, axis, model): ...\n", encoding="utf-8")

@@ -2,18 +2,22 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, ValidationError
 
 from wearscope import plugins
-from wearscope.errors import InputError, tell_error
+from wearscope.errors import InputError, explain_breach, tell_error
 
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 Array = NDArray[np.float64]
+#: Options above 0, and between 0 and 1.
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(gt=0, lt=1)]
 #: What a detector may be told: nominal recordings alone, the declared model too, or the law that the
 #: simulator itself uses. The last one exists in no plant, so its result is an upper bound.
 KNOWLEDGE = ("nothing", "nominal model", "simulator's law")
@@ -159,9 +163,9 @@ def make_detector(factory: Any, reference: str, options: Mapping[str, Any] | Non
     try:
         detector = factory(**options)
     except Exception as error:
+        told = explain_breach(error) if isinstance(error, ValidationError) else tell_error(error)
         raise InputError(
-            f"{reference}: the detector refuses its options {options} ({tell_error(error)}); "
-            "give options that it has."
+            f"{reference}: the detector refuses its options {options} ({told}); give options that it has."
         ) from error
     for method in ("fit", "test_quantity"):
         if not callable(getattr(detector, method, None)):
@@ -183,13 +187,6 @@ def check_nominal(nominal: Sequence[Batch]) -> None:
         check_sample_rate(batch, nominal[0].sample_rate)
         if not (np.isfinite(batch.tau).all() and np.isfinite(batch.q).all() and np.isfinite(batch.qd).all()):
             raise ValueError("a nominal batch holds samples that are not finite")
-
-
-def check_positive(detector: object, *names: str) -> None:
-    """Refuse an option of a detector that is not above zero with ValueError."""
-    for name in names:
-        if not getattr(detector, name) > 0:
-            raise ValueError(f"{name} must be positive")
 
 
 def check_sample_rate(batch: Batch, sample_rate: float) -> None:

@@ -1,12 +1,13 @@
 """Distance between torque distributions (detector B of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, check_nominal
+from wearscope.detectors.base import Array, Batch, Positive, Share, check_nominal
 
 
 @dataclass
@@ -39,22 +40,12 @@ class DistributionDistance:
         Weight of the uniform density, in (0, 1).
     """
 
-    bandwidth: float | None = None
-    grid_size: int = 512
-    margin: float = 0.25
-    floor: float = 1e-3
+    bandwidth: Positive | None = None
+    grid_size: Annotated[int, Field(ge=16)] = 512
+    margin: Annotated[float, Field(ge=0)] = 0.25
+    floor: Share = 1e-3
     unit: ClassVar[str] = "nat"
     knows: ClassVar[str] = "nothing"
-
-    def __post_init__(self) -> None:
-        if self.bandwidth is not None and not self.bandwidth > 0:
-            raise ValueError("bandwidth must be positive")
-        if self.grid_size < 16:
-            raise ValueError("grid_size must be at least 16")
-        if not self.margin >= 0:
-            raise ValueError("margin must be at least 0")
-        if not 0 < self.floor < 1:
-            raise ValueError("floor must lie between 0 and 1")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Set bandwidth, grid and nominal density from the pooled nominal torques."""

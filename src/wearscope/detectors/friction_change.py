@@ -1,20 +1,19 @@
 """Change of the axis's friction as tracking estimates it (detector E of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
+from wearscope.detectors.base import Array, Batch, Positive, check_nominal
 from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque, find_top_speed
 
 #: Share of a column's information below which it cannot be told from the nominal friction's own uncertainty.
 _ABSORBED = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
+class Rows(NamedTuple):
     """Rows of a batch in motion, their regressors, and the first row of each block.
 
     Regressors are of the nominal friction (R, P), of the payload's error (R, u), and of the change (R, 2).
@@ -59,17 +58,14 @@ class FrictionChange:
         Length of the acceleration filter [s].
     """
 
-    payload_error: float = 0.1
-    low_speed_share: float = 0.1
-    rest_share: float = 0.01
-    row: float = 0.02
-    block: float = 0.5
-    window: float = 0.03
+    payload_error: Positive = 0.1
+    low_speed_share: Positive = 0.1
+    rest_share: Positive = 0.01
+    row: Positive = 0.02
+    block: Positive = 0.5
+    window: Positive = 0.03
     unit: ClassVar[str] = "torque"
     knows: ClassVar[str] = "nominal model"
-
-    def __post_init__(self) -> None:
-        check_positive(self, "payload_error", "low_speed_share", "rest_share", "row", "block", "window")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Estimate the nominal friction, its uncertainty and the noise."""

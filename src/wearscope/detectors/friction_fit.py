@@ -1,12 +1,12 @@
 """Friction-parameter estimate on the rigid-body residual (detector C of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
+from wearscope.detectors.base import Array, Batch, Positive, check_nominal
 from wearscope.detectors.motion import compute_joint_residual, find_top_speed
 
 
@@ -45,17 +45,12 @@ class FrictionFit:
         Length of the acceleration filter [s].
     """
 
-    weights: Sequence[float] = (1.0, 1.0, 1.0)
-    low_speed_share: float = 0.1
-    rest_share: float = 0.01
-    window: float = 0.03
+    weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    low_speed_share: Positive = 0.1
+    rest_share: Positive = 0.01
+    window: Positive = 0.03
     unit: ClassVar[str] = "torque"
     knows: ClassVar[str] = "nominal model"
-
-    def __post_init__(self) -> None:
-        if len(self.weights) != 3:
-            raise ValueError("weights needs 3 values: Coulomb, low-speed, viscous")
-        check_positive(self, "low_speed_share", "rest_share", "window")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Estimate the nominal friction parameters, the mean over the nominal batches."""

@@ -1,12 +1,13 @@
 """Energy of the torque residual against a nominal torque signature (detector A of the default study)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import SAME_RATE, Array, Batch, check_nominal
+from wearscope.detectors.base import SAME_RATE, Array, Batch, Share, check_nominal
 
 
 @dataclass
@@ -36,19 +37,11 @@ class ResidualEnergy:
         ValueError.
     """
 
-    align: str = "start"
-    rest_share: float = 0.01
-    min_overlap: float = 0.5
+    align: Literal["start", "path"] = "start"
+    rest_share: Share = 0.01
+    min_overlap: Annotated[float, Field(gt=0, le=1)] = 0.5
     unit: ClassVar[str] = "1"
     knows: ClassVar[str] = "nothing"
-
-    def __post_init__(self) -> None:
-        if self.align not in ("start", "path"):
-            raise ValueError("align must be 'start' or 'path'")
-        if not 0 < self.min_overlap <= 1:
-            raise ValueError("min_overlap must be above 0 and at most 1")
-        if not 0 < self.rest_share < 1:
-            raise ValueError("rest_share must lie between 0 and 1")
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
         """Average the nominal torque over the samples that all nominal batches have."""

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, check_nominal, check_positive
+from wearscope.detectors.base import Array, Batch, Positive, check_nominal
 from wearscope.detectors.motion import (
     compute_joint_residual,
     compute_payload_torque,
@@ -84,14 +85,13 @@ class WearTemperatureFit:
     estimate_payload: bool = True
     start_temperature: float = 50.0
     temperature_limit: float = 150.0
-    rest_share: float = 0.01
-    window: float = 0.03
-    max_iterations: int = 60
+    rest_share: Positive = 0.01
+    window: Positive = 0.03
+    max_iterations: Annotated[int, Field(gt=0)] = 60
     unit: ClassVar[str] = "1"
     knows: ClassVar[str] = "simulator's law"
 
     def __post_init__(self) -> None:
-        check_positive(self, "rest_share", "window", "max_iterations")
         if not self.temperature_limit > self.start_temperature:
             raise ValueError("temperature_limit must be above start_temperature")
 
@@ -208,8 +208,7 @@ class WearTemperatureFit:
         return self.estimate(batch)[0] - self.nominal_wear
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
+class _Grid(NamedTuple):
     """Speeds `nodes` (K,), wears and temperatures `places` (m, 2), friction there `values` (m, K)."""
 
     nodes: Array

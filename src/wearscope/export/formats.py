@@ -1,15 +1,17 @@
 """A model as URDF and as MJCF text."""
 
 import json
-import xml.etree.ElementTree as ET
 
 import mujoco
 import numpy as np
 
 from wearscope.export.holdings import Holdings
 from wearscope.export.passive_motors import add_gear, add_passive_motors
+from wearscope.robots import urdf_file
 from wearscope.robots.model import RobotModel
-from wearscope.robots.urdf_file import OPEN_LIMIT, Link, Tree, parse_urdf
+from wearscope.robots.spatial import Inertia
+from wearscope.robots.urdf import make_link
+from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, Link, Pose, Tree, parse_urdf
 
 #: Name of the body and link of the declared payload.
 PAYLOAD = "payload"
@@ -19,30 +21,21 @@ _LEAST = 1e-9
 
 def write_urdf(model: RobotModel, held: Holdings) -> str:
     """URDF with friction and damping under ``dynamics`` and the payload as a link of its own."""
-    robot = ET.fromstring(held.body.urdf_text())
-    for node in robot.iter("joint"):
-        name = node.get("name", "")
-        dynamics = node.find("dynamics")
-        if name in model.joints and dynamics is not None:
-            j = model.joints.index(name)
-            dynamics.set("damping", repr(float(held.damping[j])))
-            dynamics.set("friction", repr(float(held.friction[j])))
-    payload = held.body.payload
-    if payload is not None and payload.mass > 0.0:
-        tree = parse_urdf(model.urdf_text)
-        last = next(joint.child for joint in tree.joints if joint.name == model.joints[-1])
-        link = ET.SubElement(robot, "link", name=PAYLOAD)
-        inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "origin", xyz=" ".join(map(repr, map(float, payload.com))), rpy="0 0 0")
-        ET.SubElement(inertial, "mass", value=repr(float(payload.mass)))
-        xx, xy, xz, yy, yz, zz = payload.inertia
-        moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
-        ET.SubElement(inertial, "inertia", {key: repr(float(value)) for key, value in moments.items()})
-        joint = ET.SubElement(robot, "joint", name=f"{PAYLOAD}_mount", type="fixed")
-        ET.SubElement(joint, "parent", link=last)
-        ET.SubElement(joint, "child", link=PAYLOAD)
-    ET.indent(robot)
-    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+    dynamics = zip(held.damping, held.friction, strict=True)
+    return urdf_file.write_urdf(_mount_payload(held), dict(zip(model.joints, dynamics, strict=True)))
+
+
+def _mount_payload(held: Holdings) -> Tree:
+    """The robot's tree, with the payload as a last link that is fixed to the one before."""
+    tree, payload = parse_urdf(held.body.urdf_text()), held.body.payload
+    if payload is None or not payload.mass > 0.0:
+        return tree
+    body = Inertia.from_parameters(payload.parameters)
+    body.tensor[np.diag_indices(3)] = np.maximum(np.diag(body.tensor), _LEAST)
+    last = next(joint.child for joint in tree.joints if joint.name == held.body.names[-1])
+    mount = Joint(f"{PAYLOAD}_mount", "fixed", last, PAYLOAD, Pose(), (1.0, 0.0, 0.0))
+    links = {**tree.links, PAYLOAD: make_link(PAYLOAD, body)}
+    return Tree(tree.name, tree.root, links, [*tree.joints, mount])
 
 
 def write_mjcf(model: RobotModel, held: Holdings) -> str:
@@ -83,7 +76,7 @@ def own_limits(model: RobotModel, tree: Tree, name: str) -> tuple[float, float]:
 
 def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
     """The robot as MuJoCo builds it."""
-    tree = parse_urdf(held.body.urdf_text())
+    tree = _mount_payload(held)
     spec = mujoco.MjSpec()
     spec.modelname = model.name
     spec.compiler.degree = False
@@ -96,15 +89,8 @@ def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
         body.quat = _quaternion(joint.pose.rpy)
         _give_inertia(body, tree.links[joint.child])
         bodies[joint.child] = body
-        _add_joint(spec, body, model, held, tree, joint.name)
-    payload = held.body.payload
-    if payload is not None and payload.mass > 0.0:
-        last = next(joint.child for joint in tree.joints if joint.name == model.joints[-1])
-        xx, xy, xz, yy, yz, zz = payload.inertia
-        load = bodies[last].add_body(name=PAYLOAD)
-        load.mass, load.ipos, load.explicitinertial = payload.mass, list(payload.com), True
-        # Inertial frames are kept as stated; a point mass gets the least moments that MuJoCo accepts.
-        load.fullinertia = [max(xx, _LEAST), max(yy, _LEAST), max(zz, _LEAST), xy, xz, yz]
+        if joint.name in model.joints:
+            _add_joint(spec, body, model, held, tree, joint.name)
     return spec
 
 

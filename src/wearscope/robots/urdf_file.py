@@ -261,42 +261,57 @@ def _order_tree(links: Mapping[str, Link], joints: list[Joint], source: str) -> 
     return roots[0], ordered
 
 
-def _format(values: Sequence[float]) -> str:
+def _make(tag: str, attributes: dict[str, str], *children: ET.Element) -> ET.Element:
+    node = ET.Element(tag, attributes)
+    node.extend(children)
+    return node
+
+
+def _write(values: Sequence[float]) -> str:
     # Adding zero turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def _make_link_node(link: Link) -> ET.Element:
-    node = ET.Element("link", name=link.name)
-    inertial = ET.SubElement(node, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_format(link.pose.xyz), rpy=_format(link.pose.rpy))
-    ET.SubElement(inertial, "mass", value=_format([link.mass]))
-    moments = {f"i{a}{a}": _format([link.tensor[k, k]]) for k, a in enumerate("xyz")}
-    ET.SubElement(inertial, "inertia", {**moments, "ixy": "0.0", "ixz": "0.0", "iyz": "0.0"})
-    return node
+def _make_pose(pose: Pose) -> ET.Element:
+    return _make("origin", {"xyz": _write(pose.xyz), "rpy": _write(pose.rpy)})
+
+
+def _make_link(link: Link) -> ET.Element:
+    moments = {f"i{a}{a}": _write([link.tensor[k, k]]) for k, a in enumerate("xyz")}
+    mass = _make("mass", {"value": _write([link.mass])})
+    inertia = _make("inertia", {**moments, "ixy": "0.0", "ixz": "0.0", "iyz": "0.0"})
+    return _make("link", {"name": link.name}, _make("inertial", {}, _make_pose(link.pose), mass, inertia))
+
+
+def _make_joint(joint: Joint, damping: float, friction: float) -> ET.Element:
+    limits = {key: _write([getattr(joint, key)]) for key in ("lower", "upper", "effort", "velocity")}
+    kind = "revolute" if joint.kind == "continuous" else joint.kind
+    return _make(
+        "joint",
+        {"name": joint.name, "type": kind},
+        _make_pose(joint.pose),
+        _make("parent", {"link": joint.parent}),
+        _make("child", {"link": joint.child}),
+        _make("axis", {"xyz": _write(joint.axis)}),
+        _make("limit", limits),
+        _make("dynamics", {"damping": _write([damping]), "friction": _write([friction])}),
+    )
 
 
 def write_link(link: Link) -> str:
     """Text of a link as `write_urdf` has it."""
-    node = _make_link_node(link)
+    node = _make_link(link)
     ET.indent(node, level=1)
     return ET.tostring(node, encoding="unicode")
 
 
-def write_urdf(tree: Tree) -> str:
-    """Text of a normalised tree; numbers with as many digits as they have."""
-    robot = ET.Element("robot", name=tree.name)
-    for link in tree.links.values():
-        robot.append(_make_link_node(Link(tree.root) if link.name == tree.root else link))
-    for joint in tree.joints:
-        kind = "revolute" if joint.kind == "continuous" else joint.kind
-        node = ET.SubElement(robot, "joint", name=joint.name, type=kind)
-        ET.SubElement(node, "origin", xyz=_format(joint.pose.xyz), rpy=_format(joint.pose.rpy))
-        ET.SubElement(node, "parent", link=joint.parent)
-        ET.SubElement(node, "child", link=joint.child)
-        ET.SubElement(node, "axis", xyz=_format(joint.axis))
-        limits = {key: _format([getattr(joint, key)]) for key in ("lower", "upper", "effort", "velocity")}
-        ET.SubElement(node, "limit", limits)
-        ET.SubElement(node, "dynamics", damping="0.0", friction="0.0")
+def write_urdf(tree: Tree, dynamics: Mapping[str, tuple[float, float]] | None = None) -> str:
+    """Text of a normalised tree; numbers with as many digits as they have.
+
+    `dynamics` has the damping and friction of joints by name; those of the others are zero.
+    """
+    links = [Link(tree.root) if link.name == tree.root else link for link in tree.links.values()]
+    joints = [_make_joint(joint, *(dynamics or {}).get(joint.name, (0.0, 0.0))) for joint in tree.joints]
+    robot = _make("robot", {"name": tree.name}, *map(_make_link, links), *joints)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
