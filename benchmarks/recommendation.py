@@ -21,7 +21,7 @@ import pandas as pd
 import yaml
 
 from wearscope.evaluation.conclusion import Conclusion, read_conclusion
-from wearscope.evaluation.recommendation import SETTLED
+from wearscope.evaluation.ranking import SETTLED
 from wearscope.home import find_home
 from wearscope.starters.study import write_study
 

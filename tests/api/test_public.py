@@ -39,7 +39,7 @@ def test_version_is_the_installed_one():
 def test_nothing_but_an_extra_needs_the_extras():
     """All modules of the package are imported without them, but those that a running export imports."""
     blocked = ["mujoco", "rosbags", "playwright", "pytest"]
-    lazily = ("comparison", "formats", "gears", "passive_motors", "replay")
+    lazily = ("comparison", "formats")
     own = {"wearscope.__main__", *(f"wearscope.export.{name}" for name in lazily)}
     code = f"""
 import importlib, pkgutil, sys

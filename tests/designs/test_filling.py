@@ -3,13 +3,13 @@ import pytest
 
 from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.filling import (
+from wearscope.designs.kinds import (
     checking_design,
     filling_design,
     local_design,
+    make_design,
     question_lines,
 )
-from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

@@ -13,24 +13,22 @@ from wearscope.detectors.motion import (
     estimate_acceleration,
     find_top_speed,
 )
-from wearscope.detectors.wear_search import (
+from wearscope.detectors.wear_temperature_fit import (
+    FIRST_TEMPERATURES,
+    FIRST_WEARS,
     FOUND,
     MAX_CONDITION,
     MIN_SHARE,
     NOT_FOUND,
+    _find_valleys,
+    _orthonormal,
     _told_apart,
     evaluate_curves,
+    evaluate_form,
+    make_form,
     normal_equations,
     pack_law,
     search_wear,
-)
-from wearscope.detectors.wear_temperature_fit import (
-    FIRST_TEMPERATURES,
-    FIRST_WEARS,
-    _find_valleys,
-    _orthonormal,
-    evaluate_form,
-    make_form,
 )
 from wearscope.effects.base import load_effect
 from wearscope.robots.model import load_model

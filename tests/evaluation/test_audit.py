@@ -11,9 +11,10 @@ from wearscope.evaluation.audit import (
     audit_verdicts,
     choose_audit_points,
     choose_more_points,
+    combine,
     scope_boundary,
+    weigh_evidence,
 )
-from wearscope.evaluation.evidence import combine, weigh_evidence
 from wearscope.evaluation.scope import scope_table
 from wearscope.surrogates.fitting import surrogates_of
 

@@ -10,8 +10,7 @@ import pytest
 
 from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
-from wearscope.evaluation.conclusion import conclude_study, threshold_tables
-from wearscope.evaluation.overview import overview_table
+from wearscope.evaluation.conclusion import conclude_study, overview_table, threshold_tables
 from wearscope.evaluation.scope import (
     add_counts,
     count_scope,

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.evaluation.recommendation import RESAMPLINGS, recommend
+from wearscope.evaluation.ranking import RESAMPLINGS, recommend
 
 CELLS = [("r", f"c{k}", axis) for k in range(2) for axis in (1, 2, 3)]
 

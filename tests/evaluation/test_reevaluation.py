@@ -6,26 +6,23 @@ import pytest
 from scipy.special import ndtri
 
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.filling import checking_design, filling_design
-from wearscope.designs.kinds import make_design
+from wearscope.designs.kinds import checking_design, filling_design, make_design
 from wearscope.evaluation.detection import largest_passing
 from wearscope.evaluation.reevaluation import (
+    Answers,
+    Questions,
     Reevaluation,
     _probabilities,
     _probability,
+    answer_side,
     best_detectors,
     compare_ranking,
     compare_sides,
-    judge_detector,
-    withheld_cells,
-)
-from wearscope.evaluation.sides import (
-    Answers,
-    Questions,
-    answer_side,
     extend_to_drawn,
+    judge_detector,
     rank_best,
     share_surrogates,
+    withheld_cells,
 )
 from wearscope.reporting.reevaluation_page import count_truth, tell_headline, tell_withheld
 from wearscope.surrogates.chosen import choose_surrogates

@@ -10,9 +10,8 @@ from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError
 from wearscope.evaluation import direct
-from wearscope.evaluation.audit import audit_table, choose_audit_points
+from wearscope.evaluation.audit import audit_table, choose_audit_points, weigh_evidence
 from wearscope.evaluation.direct import direct_design, direct_table, mismatch_design, mismatch_table
-from wearscope.evaluation.evidence import weigh_evidence
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
     interpolation,

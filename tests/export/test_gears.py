@@ -10,9 +10,8 @@ from single_axis import COULOMB, make_axis
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.export.comparison import compare, link_motion, replay
-from wearscope.export.formats import make_spec, write_mjcf
+from wearscope.export.formats import make_spec, sum_springs, write_mjcf
 from wearscope.export.holdings import ISAAC, URDF, take_holdings, without_motors
-from wearscope.export.passive_motors import sum_springs
 from wearscope.export.run import export_model
 from wearscope.robots.model import load_model
 from wearscope.simulation.balance import deflection

@@ -10,9 +10,8 @@ from single_axis import COULOMB, make_axis
 from wearscope.cycles.base import required_torque
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.export.comparison import compare_replays, replay
-from wearscope.export.formats import make_spec, write_isaac_lab, write_mjcf
+from wearscope.export.formats import make_spec, sum_falls, write_isaac_lab, write_mjcf
 from wearscope.export.holdings import ISAAC, URDF, take_holdings, without_motors
-from wearscope.export.passive_motors import sum_falls
 
 
 def passive_torque(model, path):

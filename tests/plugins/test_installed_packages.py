@@ -20,7 +20,7 @@ from wearscope.detectors.base import load_detector
 from wearscope.effects.base import load_effect
 from wearscope.effects.own_effect import load_installed_effect
 from wearscope.errors import InputError
-from wearscope.jobs.named_files import plugin_file
+from wearscope.jobs.study_files import plugin_file
 from wearscope.robots.model import load_model
 
 ROOT = Path(__file__).parents[2]

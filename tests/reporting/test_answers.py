@@ -8,15 +8,18 @@ import pytest
 
 from wearscope.evaluation.ranking import rank_by_median
 from wearscope.evaluation.sensitivity import sensitivity_of
-from wearscope.reporting.answers import (
-    best_detector,
-    effective_scope,
-    relevant_factors,
-    tolerances,
-)
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.study_page import render_study
-from wearscope.reporting.trust import audit_outcome, direct_outcome, doubts, surrogate_quality
+from wearscope.reporting.study_words import (
+    audit_outcome,
+    best_detector,
+    direct_outcome,
+    doubts,
+    effective_scope,
+    relevant_factors,
+    surrogate_quality,
+    tolerances,
+)
 
 
 def weigh(study, term, size):

@@ -18,14 +18,14 @@ from wearscope.reporting.closed_loop import (
     dominant_signals,
     read_closed_loop,
 )
-from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.reporting.loop_outcome import (
+from wearscope.reporting.closed_loop_page import (
     doubt_simulation,
     draw_curves,
     loop_strip,
     render_events,
     render_outcome,
     render_parameters,
+    write_closed_loop_page,
 )
 from wearscope.storage import tables
 

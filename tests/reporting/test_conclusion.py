@@ -11,7 +11,10 @@ import yaml
 
 from wearscope.config import load_config
 from wearscope.evaluation.conclusion import Bound, Conclusion
-from wearscope.reporting.conclusion import (
+from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.study_page import render_study
+from wearscope.reporting.study_words import (
+    ask_moved,
     certainty,
     friction_rise,
     qualify,
@@ -19,9 +22,6 @@ from wearscope.reporting.conclusion import (
     study_strip,
     thresholds_of,
 )  # fmt: skip
-from wearscope.reporting.findings import compare_with_paper
-from wearscope.reporting.study_page import render_study
-from wearscope.reporting.trust import ask_moved
 
 #: Bears 19.6 degrees of the 20 that the study varies, and 9.8 % of payload, where the grid ends.
 FOUND = Conclusion(

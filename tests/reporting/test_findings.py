@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.evaluation.paired_estimates import (
+from wearscope.evaluation.grouping import (
     Estimate,
     decide,
     estimate_columns,

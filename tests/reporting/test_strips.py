@@ -14,13 +14,13 @@ from reporting.test_closed_loop_page import VERDICT, write
 
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
-from wearscope.reporting.conclusion import certainty, study_strip
-from wearscope.reporting.detection import Detections, conclude, detection_strip, read_detections
+from wearscope.reporting.detection_page import Detections, conclude, detection_strip, read_detections
 from wearscope.reporting.findings import compare_with_paper
 from wearscope.reporting.history_page import KEPT, find_answers, keep_answer, render_history, trend_table
 from wearscope.reporting.page import Section, render_page
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.reporting.study_page import render_study
+from wearscope.reporting.study_words import certainty, study_strip
 from wearscope.storage.tables import write_table
 
 

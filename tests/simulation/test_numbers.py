@@ -8,8 +8,7 @@ from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 from wearscope.robots.numbers import Number, set_numbers
-from wearscope.simulation.feasibility import check_cycle, check_robot
-from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.simulation.feasibility import check_cycle, check_robot, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, make_conditions, simulate_point
 
 ARM = make_arm(

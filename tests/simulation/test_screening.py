@@ -8,9 +8,9 @@ from wearscope.cycles.base import Cycle, load_cycle
 from wearscope.errors import InputError
 from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.robots.model import load_model
-from wearscope.simulation import screening
+from wearscope.simulation import feasibility
+from wearscope.simulation.feasibility import STRIDE, check_screening, screen_factors
 from wearscope.simulation.recording import Recording
-from wearscope.simulation.screening import STRIDE, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_point
 
 RANGES = {
@@ -77,7 +77,7 @@ def test_a_number_moves_what_is_recorded_by_the_largest_share_of_any_signal(medi
         (Recording(np.arange(3.0), *3 * [np.ones((3, 2))]), 1.0, "axis_1"),
     ):
         made = iter([low, high])
-        monkeypatch.setattr(screening, "simulate_point", lambda *_, made=made, **__: next(made))
+        monkeypatch.setattr(feasibility, "simulate_point", lambda *_, made=made, **__: next(made))
         ranges = {"w9": ("sensors.torque_noise %", -10.0, 10.0)}
         (row,) = screen_factors(medium, CYCLES, ranges, STEP).to_dict("records")
         assert (row["change"], row["joint"], row["moves"]) == (pytest.approx(change), joint, change > 0.0)

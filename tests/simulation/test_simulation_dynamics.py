@@ -9,7 +9,7 @@ import pytest
 
 from wearscope.effects.base import Plant
 from wearscope.errors import InputError, SimulationError
-from wearscope.jobs.named_files import find_sources
+from wearscope.jobs.study_files import find_sources
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
 from wearscope.robots.urdf_file import parse_urdf, write_link

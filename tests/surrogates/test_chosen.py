@@ -5,8 +5,7 @@ import pytest
 from benchmarks.planted import PAPER_OPTIONS
 from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.designs.filling import checking_design, filling_design
-from wearscope.designs.kinds import make_design, validation_design
+from wearscope.designs.kinds import checking_design, filling_design, make_design, validation_design
 from wearscope.errors import InputError
 from wearscope.surrogates.chosen import _state, choose_surrogates, noise_ceiling, read_chosen, read_noise
 from wearscope.surrogates.kinds.linear import fit_quadratic

@@ -8,7 +8,7 @@ import yaml
 from changed_fields import changed_fields
 
 from wearscope.errors import InputError
-from wearscope.jobs.named_files import NamedDataSet, NamedRobot
+from wearscope.jobs.study_files import NamedDataSet, NamedRobot
 
 MEDIUM = Path(__file__).parents[2] / "config" / "robots" / "medium"
 

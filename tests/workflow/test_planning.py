@@ -12,9 +12,8 @@ import yaml
 from calls import call_python
 
 from wearscope.config import load_config
-from wearscope.jobs.named_files import find_script_sources
 from wearscope.jobs.planning import Plan, needs
-from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset
+from wearscope.jobs.study_files import StudyFiles, find_script_sources, list_tracked, refuse_without_dataset
 from wearscope.storage.tables import write_table
 
 ROOT = Path(__file__).parents[2]

@@ -1,7 +1,7 @@
 import ast
 from pathlib import Path
 
-from wearscope.jobs import named_files as sources
+from wearscope.jobs import study_files as sources
 
 
 def test_imports_are_followed_and_only_they(tmp_path):

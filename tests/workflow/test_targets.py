@@ -11,7 +11,7 @@ from clones import run_ill, run_well, stale, write_study
 from plain_robot import write_plain_robot
 
 from wearscope.errors import InputError
-from wearscope.jobs.named_files import NamedDataSet
+from wearscope.jobs.study_files import NamedDataSet
 from wearscope.storage import tables
 
 

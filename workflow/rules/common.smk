@@ -41,8 +41,8 @@ from wearscope.cli.workflow import wait_turn
 from wearscope.config import load_config
 from wearscope.config.study import label
 from wearscope.jobs.planning import Plan, needs
-from wearscope.jobs.named_files import ROOT as PACKAGE
-from wearscope.jobs.named_files import plugin_file
+from wearscope.jobs.study_files import ROOT as PACKAGE
+from wearscope.jobs.study_files import plugin_file
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
 from wearscope.storage.checksums import LIST, MADE, forget_lost

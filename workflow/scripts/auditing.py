@@ -2,8 +2,7 @@
 
 import pandas as pd
 
-from wearscope.evaluation.audit import AUDIT, RECHECK, audit_table, audit_verdicts
-from wearscope.evaluation.evidence import weigh_evidence
+from wearscope.evaluation.audit import AUDIT, RECHECK, audit_table, audit_verdicts, weigh_evidence
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen
 

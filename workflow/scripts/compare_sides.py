@@ -7,8 +7,14 @@ import pandas as pd
 
 from job import run_job
 from wearscope.designs.factors import Factor
-from wearscope.evaluation.reevaluation import compare_ranking, compare_sides, withheld_cells
-from wearscope.evaluation.sides import Questions, answer_side, share_surrogates
+from wearscope.evaluation.reevaluation import (
+    Questions,
+    answer_side,
+    compare_ranking,
+    compare_sides,
+    share_surrogates,
+    withheld_cells,
+)
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

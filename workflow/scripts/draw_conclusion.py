@@ -6,8 +6,8 @@ from functools import partial
 from job import run_job
 from wearscope.designs.factors import Factor, nominal_levels
 from wearscope.detectors.base import list_bounds
+from wearscope.evaluation.audit import resample_evidence, withheld_answers
 from wearscope.evaluation.conclusion import conclude_study, threshold_tables
-from wearscope.evaluation.evidence import resample_evidence, withheld_answers
 from wearscope.evaluation.snr import answer_rows
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_cells

@@ -3,8 +3,7 @@
 import pandas as pd
 
 from job import run_job
-from wearscope.evaluation.audit import audit_verdicts
-from wearscope.evaluation.evidence import weigh_evidence
+from wearscope.evaluation.audit import audit_verdicts, weigh_evidence
 from wearscope.storage import tables
 
 with run_job(snakemake):

@@ -3,8 +3,13 @@
 from job import run_job
 from wearscope.designs.checks import check_design, describe_design
 from wearscope.designs.factors import Factor
-from wearscope.designs.filling import checking_design, filling_design
-from wearscope.designs.kinds import make_design, nominal_design, validation_design
+from wearscope.designs.kinds import (
+    checking_design,
+    filling_design,
+    make_design,
+    nominal_design,
+    validation_design,
+)
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from job import run_job
 from wearscope.designs.factors import Factor
-from wearscope.evaluation.conclusion import read_conclusion
-from wearscope.evaluation.overview import overview_table
+from wearscope.evaluation.conclusion import overview_table, read_conclusion
 from wearscope.evaluation.snr import answer_rows
 from wearscope.storage import tables
 

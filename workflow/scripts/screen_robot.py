@@ -3,8 +3,7 @@
 from job import run_job
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import load_model
-from wearscope.simulation.feasibility import check_robot
-from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.simulation.feasibility import check_robot, check_screening, screen_factors
 from wearscope.storage import tables
 from wearscope.supervision import call_supervised
 

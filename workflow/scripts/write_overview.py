@@ -9,8 +9,7 @@ from job import run_job
 from made import tell_provenance
 from wearscope.designs.factors import Factor
 from wearscope.detectors.base import name_unit
-from wearscope.evaluation.conclusion import read_conclusion
-from wearscope.evaluation.overview import sort_worst_first
+from wearscope.evaluation.conclusion import read_conclusion, sort_worst_first
 from wearscope.plugins import load
 from wearscope.reporting.overview_page import render_overview
 from wearscope.reporting.study import Study

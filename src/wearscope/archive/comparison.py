@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.archive.manifest import MADE, MANIFEST, Manifest, parse_manifest
-from wearscope.archive.members import read_member, walk_archive
+from wearscope.archive.members import MADE, MANIFEST, Manifest, parse_manifest, read_member, walk_archive
 from wearscope.errors import InputError
 from wearscope.storage import tables
 from wearscope.storage.checksums import SETTINGS, check_shown

@@ -17,17 +17,21 @@ from typing import IO, Any
 import yaml
 
 from wearscope import limits
-from wearscope.archive.manifest import (
+from wearscope.archive.members import (
     CHECKSUM,
     CONFIG,
     FORMAT,
     MANIFEST,
     FileEntry,
     Manifest,
+    as_content,
     check_names,
+    describe_checksum,
+    extract_archive,
     parse_manifest,
+    walk_archive,
+    write_tar,
 )
-from wearscope.archive.members import as_content, describe_checksum, extract_archive, walk_archive, write_tar
 from wearscope.config import TAKEN, drop_retired
 from wearscope.errors import InputError
 from wearscope.storage.checksums import record_checksums

@@ -8,8 +8,7 @@ from wearscope.cycles.base import Cycle, find_coarse_step, list_cycles, load_cyc
 from wearscope.errors import Findings, InputError, SelfTestError, SimulationError
 from wearscope.robots.model import RobotModel, check_effects, list_breaches, load_model
 from wearscope.robots.model_file import Allowed, find_model, read_model_file
-from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot
-from wearscope.simulation.screening import check_screening, screen_factors
+from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_points
 
 #: Factors for the check of a robot without a study: kind and range.

@@ -1,4 +1,7 @@
-"""Which detector to use, what it finds and what it tolerates: a study's answer in numbers, not in words."""
+"""Which detector to use, what it finds and what it tolerates: a study's answer in numbers, not in words.
+
+Of a study of many robots there is a row for each robot and test-cycle, the worst first.
+"""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -8,7 +11,7 @@ import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
 from wearscope.evaluation.detection import Cells, detection_table, largest_passing
-from wearscope.evaluation.recommendation import (
+from wearscope.evaluation.ranking import (
     RESAMPLINGS,
     Recommendation,
     choose_method,
@@ -317,3 +320,75 @@ def conclude_study(
     table = pd.concat([rows.assign(robot=robot) for robot, rows in rankings.items()], ignore_index=True)
     conclusions = [found[robot] for robot in rankings]
     return conclusions, table[["robot", *(name for name in table.columns if name != "robot")]]
+
+
+def overview_table(
+    scope: pd.DataFrame,
+    snr: pd.DataFrame,
+    fits: pd.DataFrame,
+    failed_simulations: pd.DataFrame,
+    conclusions: Sequence[Conclusion],
+    factors: Sequence[Factor],
+) -> pd.DataFrame:
+    """Results of the detector that is recommended for each robot, a row for each of its test-cycles.
+
+    Parameters
+    ----------
+    scope, snr : DataFrame
+        Of some robots.
+    fits : DataFrame
+        ``robot``, ``cycle``, ``fda``, ``fit`` [%] of the surrogates that are asked.
+    failed_simulations : DataFrame
+        ``robot``, ``cycle``.
+    conclusions : sequence of Conclusion
+        Of these robots; a robot that is alone has the one of all together.
+    factors : sequence of Factor
+
+    Returns
+    -------
+    DataFrame
+        ``robot``, ``cycle``; ``detector``, empty where none is recommended; ``wear``, the smallest change
+        that it finds there, natural units, NaN where none; ``cells`` and ``cells_sure`` of it there; ``snr``,
+        its median; ``fit`` [%], its lowest; ``failed_simulations``. Sorted by `sort_worst_first`.
+    """
+    step = next(one for one in factors if one.name == FAULT).step
+    found = {one.robot: one for one in conclusions}
+    failed = failed_simulations.groupby(["robot", "cycle"]).size()
+    records = []
+    for (robot, cycle), cells in snr.groupby(["robot", "cycle"], sort=True):
+        one = found[str(robot)] if str(robot) in found else found[""]
+        here = [table[_at(table, robot, cycle, one.detector)] for table in (cells, fits, scope)]
+        records.append(
+            {
+                "robot": robot,
+                "cycle": cycle,
+                "detector": one.detector,
+                **_find(here[2], one, step),
+                "snr": float(here[0]["snr_exact"].median()),
+                "fit": float(here[1]["fit"].min()),
+                "failed_simulations": int(failed.get((robot, cycle), 0)),
+            }
+        )
+    return sort_worst_first(pd.DataFrame(records))
+
+
+def sort_worst_first(overview: pd.DataFrame) -> pd.DataFrame:
+    """Rows where no wear is found first, then by the smallest wear that is found, then by the SNR."""
+    order = overview.assign(wear=overview["wear"].fillna(np.inf), snr=overview["snr"].fillna(-np.inf))
+    order = order.sort_values(["wear", "snr", "robot", "cycle"], ascending=[False, True, True, True])
+    return overview.loc[order.index].reset_index(drop=True)
+
+
+def _at(table: pd.DataFrame, robot: object, cycle: object, detector: str) -> pd.Series:
+    return (table["robot"] == robot) & (table["cycle"] == cycle) & (table["fda"] == detector)
+
+
+def _find(scope: pd.DataFrame, one: Conclusion, step: float) -> Mapping[str, object]:
+    if scope.empty:
+        return {"wear": np.nan, "cells": 0, "cells_sure": 0}
+    own = choose_method(scope)
+    counts = count_scope(own)
+    counts = counts.assign(sure=counts["sure" if one.shown_sure else "passes"])
+    delta, borne = smallest_change(counts)
+    cells, sure = count_sure(own, delta, borne, one.shown_sure)
+    return {"wear": delta * step, "cells": cells, "cells_sure": sure}

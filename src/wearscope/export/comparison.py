@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 
 from wearscope.cycles.base import Reference, required_torque
-from wearscope.export.formats import make_spec
+from wearscope.export.formats import find_gears, follow_links, make_spec, place_gears
 from wearscope.export.holdings import FORMATS, MJCF, Holdings, held_by, without_motors
-from wearscope.export.passive_motors import find_gears, follow_links, place_gears
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 from wearscope.simulation.plant import build_plant

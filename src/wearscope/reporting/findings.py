@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from wearscope.evaluation.paired_estimates import (
+from wearscope.evaluation.grouping import (
     Estimate,
     decide,
     estimate_columns,

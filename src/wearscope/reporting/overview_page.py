@@ -10,10 +10,8 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting import trust
 from wearscope.reporting.charts.base import Choice
 from wearscope.reporting.charts.study import FILTER_LABELS
-from wearscope.reporting.conclusion import SIMULATED, qualify, study_strip
 from wearscope.reporting.labels import (
     CELL,
     COLUMNS,
@@ -37,7 +35,8 @@ from wearscope.reporting.page import (
     render_template,
 )
 from wearscope.reporting.study import Study
-from wearscope.reporting.study_background import render_provenance
+from wearscope.reporting.study_page import render_provenance
+from wearscope.reporting.study_words import SIMULATED, count_failed, failed_simulations, qualify, study_strip
 
 #: Largest number of terms that are shown unfolded.
 _MOST = 15
@@ -51,7 +50,7 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     study : Study
         Without its tables by cell (surrogates, validation, fits, snr, scope, checks), which are not asked.
     overview : DataFrame
-        From `wearscope.evaluation.overview`, the worst first.
+        From `wearscope.evaluation.conclusion`, the worst first.
     pages : mapping of str to str
         By robot, where its own page is, relative to this one.
     """
@@ -86,8 +85,8 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
 def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
     return render_template(
         "study/summary.html",
-        qualifiers=[*qualify(study), *trust.count_failed(study)],
-        alarms=trust.failed_simulations(study),
+        qualifiers=[*qualify(study), *count_failed(study)],
+        alarms=failed_simulations(study),
         robots="",
         cards=[("Robots", _compare(study, overview), "robots", "Every robot and test-cycle")],
     )

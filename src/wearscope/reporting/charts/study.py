@@ -11,7 +11,7 @@ import altair as alt
 import numpy as np
 import pandas as pd
 
-from wearscope.evaluation.recommendation import choose_method
+from wearscope.evaluation.ranking import choose_method
 from wearscope.evaluation.scope import count_scope
 from wearscope.reporting.charts.base import CELL_KEYS, Chart, Choice, Source, round_digits
 from wearscope.reporting.charts.encoding import add_zoom, named, offset, rows, symlog, tint, tips
