@@ -53,8 +53,7 @@ class Folder:
     def body(self, gravity=True):
         """The stated rigid body."""
         from wearscope.robots.dynamics import RigidBody
-        from wearscope.robots.urdf import normalise_tree
-        from wearscope.robots.urdf_file import write_urdf
+        from wearscope.robots.urdf import normalise_tree, write_urdf
 
         robot = self.fields["robot"]
         tree, _ = normalise_tree(
@@ -212,7 +211,7 @@ def smooth(seconds):
 def load(share, com):
     """Fault: a payload of a share of the robot's mass that is not declared."""
     from wearscope.robots.dynamics import Payload
-    from wearscope.robots.urdf_file import parse_urdf
+    from wearscope.robots.urdf import parse_urdf
 
     def fault(folder, rng):
         tree = parse_urdf(folder.place / folder.fields["robot"]["urdf"])

@@ -3,7 +3,7 @@
     python -m wearscope.integrity results/NAME              name what is missing or damaged
     python -m wearscope.integrity results/NAME --set-aside  and have it made again
 
-Files are checked by their kept checksums (`wearscope.storage.checksums`), recordings by those of their pages,
+Files are checked by their kept checksums (`wearscope.storage.files`), recordings by those of their pages,
 and by the markers of the simulated chunks, which list them.
 """
 
@@ -17,8 +17,15 @@ from wearscope.home import find_home
 from wearscope.processes import end_process
 from wearscope.simulation.chunk import read_markers
 from wearscope.simulation.recording import point_path, read_fingerprint
-from wearscope.storage.checksums import CHECKSUMS, SETTINGS, check_file, withdraw
-from wearscope.storage.files import DamagedFile, clear_stale, read_json
+from wearscope.storage.files import (
+    CHECKSUMS,
+    SETTINGS,
+    DamagedFile,
+    check_file,
+    clear_stale,
+    read_json,
+    withdraw,
+)
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:

@@ -38,8 +38,14 @@ from wearscope.processes import bound_memory
 from wearscope.reporting.style import figure_bytes, new_figure
 from wearscope.starters.recordings import read_recording
 from wearscope.starters.writing import flow
-from wearscope.storage.checksums import SETTINGS, check_file, find_output, record_checksums
-from wearscope.storage.files import DamagedFile, load_json
+from wearscope.storage.files import (
+    SETTINGS,
+    DamagedFile,
+    check_file,
+    find_output,
+    load_json,
+    record_checksums,
+)
 from wearscope.storage.plain_yaml import load_plain_yaml
 
 ROOT = Path(__file__).parents[2]

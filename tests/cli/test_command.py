@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from wearscope.cli.main import COMMANDS, main, wearscope
 from wearscope.cli.new import KINDS
 from wearscope.storage import tables
-from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.files import SETTINGS
 
 
 def call(*arguments):

@@ -9,7 +9,7 @@ from hostile.samples import write_loop
 from wearscope import integrity
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
-from wearscope.storage.checksums import record_checksums
+from wearscope.storage.files import record_checksums
 
 
 @pytest.fixture

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from detectors.two_joints import MODEL, simulate
 
-from wearscope.detectors.base import load_detector
-from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque
+from wearscope.detectors.base import compute_joint_residual, compute_payload_torque, load_detector
 
 
 def plain(v):

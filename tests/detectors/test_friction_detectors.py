@@ -6,12 +6,13 @@ from detectors.two_joints import LAW, MODEL, simulate
 from scipy.signal import savgol_filter
 
 from wearscope.cycles.base import load_cycle
-from wearscope.detectors.base import Batch, load_detector
-from wearscope.detectors.motion import (
+from wearscope.detectors.base import (
+    Batch,
     compute_payload_torque,
     differentiate_locally,
     estimate_acceleration,
     find_top_speed,
+    load_detector,
 )
 from wearscope.detectors.wear_temperature_fit import (
     FIRST_TEMPERATURES,

@@ -6,12 +6,17 @@ from scipy.special import ndtr, ndtri
 from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
-from wearscope.evaluation.detection import detection_table, pick_levels, response_table, simulated_table
-from wearscope.evaluation.sampled_scope import weighted_threshold
+from wearscope.evaluation.sampled_scope import (
+    detection_table,
+    pick_levels,
+    response_table,
+    simulated_table,
+    weighted_threshold,
+)
 from wearscope.evaluation.scope import scope_table
+from wearscope.surrogates.chosen import ChosenSurrogate
 from wearscope.surrogates.fitting import CELL, fit_surrogates, surrogates_of
 from wearscope.surrogates.kinds.linear import fit_quadratic
-from wearscope.surrogates.selection import ChosenSurrogate
 
 LEVELS = nominal_levels(PAPER_FACTORS)
 

@@ -7,7 +7,6 @@ from scipy.special import ndtri
 
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import checking_design, filling_design, make_design
-from wearscope.evaluation.detection import largest_passing
 from wearscope.evaluation.reevaluation import (
     Answers,
     Questions,
@@ -24,6 +23,7 @@ from wearscope.evaluation.reevaluation import (
     share_surrogates,
     withheld_cells,
 )
+from wearscope.evaluation.sampled_scope import largest_passing
 from wearscope.reporting.reevaluation_page import count_truth, tell_headline, tell_withheld
 from wearscope.surrogates.chosen import choose_surrogates
 

@@ -9,9 +9,7 @@ from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError
-from wearscope.evaluation import direct
 from wearscope.evaluation.audit import audit_table, choose_audit_points, weigh_evidence
-from wearscope.evaluation.direct import direct_design, direct_table, mismatch_design, mismatch_table
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
     interpolation,
@@ -23,9 +21,19 @@ from wearscope.evaluation.sampled_scope import (
     weighted_threshold,
 )
 from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
-from wearscope.evaluation.snr import answer_rows, draw_snr, exact_snr, quadrature_snr, sampled_snr_table
+from wearscope.evaluation.snr import (
+    answer_rows,
+    direct_design,
+    direct_table,
+    draw_snr,
+    exact_snr,
+    mismatch_design,
+    mismatch_table,
+    quadrature_snr,
+    sampled_snr_table,
+)
+from wearscope.surrogates.chosen import ChosenSurrogate, choose_surrogate
 from wearscope.surrogates.fitting import fit_surrogate
-from wearscope.surrogates.selection import ChosenSurrogate, choose_surrogate
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
 NOMINAL = nominal_levels(PAPER_FACTORS)
@@ -264,7 +272,7 @@ def test_intervals_that_touch_agree(process, monkeypatch):
 
     def compare(said=None):
         if said is not None:
-            monkeypatch.setattr(direct, "draw_snr", lambda *_, **__: np.full(9, said))
+            monkeypatch.setattr("wearscope.evaluation.snr.draw_snr", lambda *_, **__: np.full(9, said))
         return direct_table(table, design, {KEY: process}, draws=200).iloc[0]
 
     row = compare()

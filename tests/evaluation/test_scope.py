@@ -18,8 +18,7 @@ from wearscope.evaluation.scope import (
     threshold,
 )
 from wearscope.evaluation.scope_kde import bandwidth_factor, bin_runs, detection_probabilities, draw_runs
-from wearscope.surrogates.fitting import surrogates_of
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.fitting import Surrogate, surrogates_of
 
 COARSE = {"deltas": np.linspace(0, 4, 7), "sigmas": np.linspace(0.01, 1, 5)}
 

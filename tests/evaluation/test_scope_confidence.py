@@ -13,8 +13,7 @@ from wearscope.evaluation.scope import (
     scope_table,
 )
 from wearscope.storage import tables
-from wearscope.surrogates.fitting import fit_surrogates, surrogates_of
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.fitting import Surrogate, fit_surrogates, surrogates_of
 
 LEVELS = nominal_levels(PAPER_FACTORS)
 DELTAS, SIGMAS = np.linspace(0, 4, 9), np.linspace(0.05, 1, 7)

@@ -15,8 +15,7 @@ from wearscope.evaluation.snr import (
     sample_hypotheses,
     snr_table,
 )
-from wearscope.surrogates.fitting import surrogates_of
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.fitting import Surrogate, surrogates_of
 
 
 @pytest.fixture(scope="module")

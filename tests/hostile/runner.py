@@ -81,7 +81,7 @@ def serve() -> None:
     """Run each command line of the standard input; tell how it ended."""
     from wearscope.cli.main import COMMANDS
 
-    for place in {*COMMANDS.values(), "new_robot:", "new_dataset:"}:
+    for place in {*COMMANDS.values()}:
         importlib.import_module(f"wearscope.cli.{place.split(':')[0]}")
     checks = [f"checking.{kind}" for kind in ("dataset", "robot", "study", "own_code")]
     for module in (

@@ -24,7 +24,7 @@ from hostile.samples import (
 )
 from hostile.tables import spoil_csv, spoil_parquet
 from hostile.trees import spoil_bytes, spoil_json, spoil_yaml
-from wearscope.storage.checksums import record_checksums
+from wearscope.storage.files import record_checksums
 
 #: What spoils a file, by the end of its name; any other by its bytes.
 SPOIL = {

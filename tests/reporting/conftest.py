@@ -20,8 +20,8 @@ from wearscope.evaluation.audit import (
     scope_boundary,
 )
 from wearscope.evaluation.conclusion import conclude_study, threshold_table
-from wearscope.evaluation.detection import detection_table, response_table, simulated_table
 from wearscope.evaluation.ranking import rank_by_median
+from wearscope.evaluation.sampled_scope import detection_table, response_table, simulated_table
 from wearscope.evaluation.scope import scope_table
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table

@@ -15,7 +15,7 @@ from wearscope.evaluation.snr import answer_rows
 from wearscope.reporting.charts.base import CELL_KEYS
 from wearscope.reporting.labels import read_detector_names
 from wearscope.storage import tables
-from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.files import SETTINGS
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(os.environ.get("WEARSCOPE_RESULTS", ROOT / "results" / "paper")).absolute()

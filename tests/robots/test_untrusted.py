@@ -11,7 +11,7 @@ from wearscope.errors import InputError
 from wearscope.limits import TEXT_BYTES
 from wearscope.robots.model import load_model
 from wearscope.robots.model_file import list_effects, read_model_file, read_text
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import parse_urdf
 
 ROOT = Path(__file__).parents[2]
 MEDIUM = ROOT / "config" / "robots" / "medium"

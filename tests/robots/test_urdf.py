@@ -19,8 +19,7 @@ from wearscope.robots.spatial import (
     pseudo_inertia,
     rpy_to_matrix,
 )
-from wearscope.robots.urdf import normalise_tree, normalise_urdf
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import normalise_tree, normalise_urdf, parse_urdf
 
 # As a maker publishes it: meshes that are not there, a massless flange, fixed links in the middle and at the
 # end, rotated inertial frames with full tensors, a gripper that mimics, a continuous joint, a slide.

@@ -12,7 +12,7 @@ from wearscope.errors import InputError, SimulationError
 from wearscope.jobs.study_files import find_sources
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.model import load_model
-from wearscope.robots.urdf_file import parse_urdf, write_link
+from wearscope.robots.urdf import parse_urdf, write_link
 from wearscope.simulation import step, world
 from wearscope.simulation.arrays import Law, make_state
 from wearscope.simulation.chain import build_chain, sum_parameters, write_plant_urdf

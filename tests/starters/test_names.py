@@ -7,7 +7,7 @@ from hostile.samples import URDF, make_table, write_dataset, write_robot
 
 from wearscope.cli.main import wearscope
 from wearscope.errors import InputError
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import parse_urdf
 from wearscope.starters.writing import quote
 
 ODD = "a\naccept: [unrelated tau]\nturned: [q_j1]\n#"

@@ -14,7 +14,7 @@ from recorded_chain import Bench, chain, hang, rub, torque_of
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
-from wearscope.cli.new_dataset import _name_option, _read_columns
+from wearscope.cli.new import _name_option, _read_columns
 from wearscope.closed_loop.diagnosis import diagnose
 
 

@@ -6,9 +6,8 @@ import shutil
 import pytest
 
 from wearscope.cli.workflow import wait_turn
-from wearscope.storage import checksums as shown
-from wearscope.storage.checksums import CHECKSUMS, LIST, MADE, check_answer, forget_lost, show_answer
-from wearscope.storage.files import DamagedFile
+from wearscope.storage import files as shown
+from wearscope.storage.files import CHECKSUMS, LIST, MADE, DamagedFile, check_answer, forget_lost, show_answer
 
 OLD = {"verdict.json": "1", "report.html": "<old>", "residual.parquet": "r", "drawn/after-01.yaml": "a"}
 NEW = {"verdict.json": "2", "report.html": "<new>", "next_measurement_1.csv": "n", "drawn/after-01.yaml": "b"}

@@ -7,9 +7,15 @@ from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import checking_design, filling_design, make_design, validation_design
 from wearscope.errors import InputError
-from wearscope.surrogates.chosen import _state, choose_surrogates, noise_ceiling, read_chosen, read_noise
+from wearscope.surrogates.chosen import (
+    ChosenSurrogate,
+    _state,
+    choose_surrogates,
+    noise_ceiling,
+    read_chosen,
+    read_noise,
+)
 from wearscope.surrogates.kinds.linear import fit_quadratic
-from wearscope.surrogates.selection import ChosenSurrogate
 from wearscope.surrogates.validation import model_fit
 
 NAMES = [factor.name for factor in PAPER_FACTORS]

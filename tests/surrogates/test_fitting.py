@@ -10,6 +10,7 @@ from wearscope.designs.kinds import make_design
 from wearscope.errors import InputError
 from wearscope.surrogates.fitting import (
     CELL,
+    Surrogate,
     factor_columns,
     fit_surrogate,
     fit_surrogates,
@@ -17,7 +18,6 @@ from wearscope.surrogates.fitting import (
     read_surrogate,
     surrogates_of,
 )
-from wearscope.surrogates.surrogate import Surrogate
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
 Z = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)[NAMES].to_numpy()

@@ -9,20 +9,19 @@ from scipy import special
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
-from wearscope.surrogates import selection
+from wearscope.surrogates.chosen import (
+    KINDS,
+    ChosenSurrogate,
+    calibrate_spread,
+    choose_surrogate,
+    rebuild_surrogate,
+)
 from wearscope.surrogates.kinds import gaussian_process, linear
 from wearscope.surrogates.kinds.gaussian_process import GaussianProcess, Likelihood, fit_gaussian_process
 from wearscope.surrogates.kinds.linear import (
     fit_polynomial_chaos,
     fit_quadratic,
     legendre_basis,
-)
-from wearscope.surrogates.selection import (
-    KINDS,
-    ChosenSurrogate,
-    calibrate_spread,
-    choose_surrogate,
-    rebuild_surrogate,
 )
 from wearscope.surrogates.validation import model_fit
 
@@ -209,8 +208,10 @@ def test_a_process_less_than_one_per_cent_behind_is_taken(monkeypatch, polynomia
         fitted.left_out = y.mean() + fit / 100.0 * (y - y.mean())
         return lambda *given: fitted
 
-    monkeypatch.setattr(selection, "fit_quadratic", fit_as_well("quadratic", polynomial))
-    monkeypatch.setattr(selection, "fit_gaussian_process", fit_as_well("gaussian_process", process))
+    monkeypatch.setattr("wearscope.surrogates.chosen.fit_quadratic", fit_as_well("quadratic", polynomial))
+    monkeypatch.setattr(
+        "wearscope.surrogates.chosen.fit_gaussian_process", fit_as_well("gaussian_process", process)
+    )
     best, fits = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic", "gaussian_process"])
     assert fits == pytest.approx({"quadratic": polynomial, "gaussian_process": process})
     assert best.kind == chosen

@@ -12,7 +12,7 @@ from archive_making import CODE, make_study, pack
 from wearscope.archive import packing
 from wearscope.archive.__main__ import main
 from wearscope.archive.comparison import Content, compare_contents, list_results
-from wearscope.archive.members import walk_archive
+from wearscope.archive.packing import walk_archive
 from wearscope.config import drop_retired, load_config
 from wearscope.errors import InputError
 from wearscope.storage import tables

@@ -14,7 +14,7 @@ import pytest
 from wearscope.errors import InputError
 from wearscope.simulation.recording import Recording, read_fingerprint, read_recording, write_recording
 from wearscope.storage import files, tables
-from wearscope.storage.checksums import check_file, record_checksums
+from wearscope.storage.files import check_file, record_checksums
 
 
 def flip(content: bytes, bit: int) -> bytes:

@@ -18,7 +18,7 @@ from calls import call, call_python, wait_until
 
 from wearscope import processes
 from wearscope.errors import InputError
-from wearscope.storage import checksums, tables
+from wearscope.storage import files, tables
 
 _SPEC = importlib.util.spec_from_file_location(
     "workflow_job", Path(__file__).parents[2] / "workflow" / "scripts" / "job.py"
@@ -87,7 +87,7 @@ def study(tmp_path, monkeypatch, snakemake):
     snakemake.input = ["results/tiny/given.json", "src/code.py"]
     snakemake.output = ["results/tiny/made.json"]
     tables.write_text("results/tiny/given.json", '{"y": 17.61}')
-    checksums.record_checksums("results/tiny", ["results/tiny/given.json"])
+    files.record_checksums("results/tiny", ["results/tiny/given.json"])
     return snakemake
 
 

@@ -15,7 +15,7 @@ from archive_making import make_manifest, pack, write
 
 from wearscope.archive import packing
 from wearscope.archive.__main__ import main
-from wearscope.archive.members import check_names, parse_manifest, walk_archive
+from wearscope.archive.packing import check_names, parse_manifest, walk_archive
 from wearscope.errors import InputError
 
 

@@ -45,7 +45,7 @@ from wearscope.jobs.study_files import ROOT as PACKAGE
 from wearscope.jobs.study_files import plugin_file
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
-from wearscope.storage.checksums import LIST, MADE, forget_lost
+from wearscope.storage.files import LIST, MADE, forget_lost
 
 # A file given with --configfile is the whole study: nothing of the default's shows through.
 STUDY_FILE = "config/config.yaml" if os.path.isfile("config/config.yaml") else f"{HOME}/config/config.yaml"

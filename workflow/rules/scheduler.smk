@@ -1,6 +1,6 @@
 import json
 
-from wearscope.storage.checksums import SETTINGS
+from wearscope.storage.files import SETTINGS
 from wearscope.storage.files import write_text
 
 

@@ -1,7 +1,7 @@
 """SNR by direct simulation next to the chosen surrogates'."""
 
 from job import run_job
-from wearscope.evaluation.direct import direct_table
+from wearscope.evaluation.snr import direct_table
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen, read_noise
 

@@ -1,7 +1,7 @@
 """SNR where the robot differs from its model, next to that where it does not."""
 
 from job import run_job
-from wearscope.evaluation.direct import mismatch_table
+from wearscope.evaluation.snr import mismatch_table
 from wearscope.storage import tables
 
 with run_job(snakemake) as say:

@@ -4,7 +4,7 @@ import numpy as np
 
 from job import run_job
 from wearscope.designs.factors import Factor, nominal_levels
-from wearscope.evaluation.detection import (
+from wearscope.evaluation.sampled_scope import (
     FALSE_ALARMS,
     detection_table,
     pick_levels,

@@ -13,8 +13,18 @@ from typing import Any
 
 from wearscope.errors import InputError
 from wearscope.processes import MAIN, end_with, ignore_settings_here, leave_with
-from wearscope.storage.checksums import CHECKSUMS, RECORDING, check_file, record_checksums, withdraw
-from wearscope.storage.files import FULL, DamagedFile, explain_unwritten, open_new, written
+from wearscope.storage.files import (
+    CHECKSUMS,
+    FULL,
+    RECORDING,
+    DamagedFile,
+    check_file,
+    explain_unwritten,
+    open_new,
+    record_checksums,
+    withdraw,
+    written,
+)
 
 # What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
 # the interpreter ends, takes a fifth of a short job's time.

@@ -2,7 +2,7 @@
 
 from job import run_job
 from wearscope.designs.factors import Factor
-from wearscope.evaluation.direct import direct_design
+from wearscope.evaluation.snr import direct_design
 from wearscope.storage import tables
 
 with run_job(snakemake):

@@ -1,7 +1,7 @@
 """Runs that ask for an SNR where the robot differs from its model."""
 
 from job import run_job
-from wearscope.evaluation.direct import mismatch_design
+from wearscope.evaluation.snr import mismatch_design
 from wearscope.storage import tables
 
 with run_job(snakemake):

@@ -5,7 +5,7 @@ from pathlib import Path
 from job import run_job
 from wearscope.closed_loop.intake.dataset_fields import load_fields
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
-from wearscope.storage.checksums import show_answer
+from wearscope.storage.files import show_answer
 
 with run_job(snakemake):
     dataset = Path(snakemake.input.dataset)

@@ -6,7 +6,7 @@ from job import run_job
 from reevaluated import read_reevaluation
 from wearscope.reporting.reevaluation_page import render_reevaluation
 from wearscope.storage import tables
-from wearscope.storage.checksums import show_answer
+from wearscope.storage.files import show_answer
 
 with run_job(snakemake):
     given, params = snakemake.input, snakemake.params

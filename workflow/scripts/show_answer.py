@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from job import run_job
-from wearscope.storage.checksums import show_answer
+from wearscope.storage.files import show_answer
 
 with run_job(snakemake):
     show_answer(Path(snakemake.output[0]).parent, Path(snakemake.params.folder))

@@ -15,7 +15,7 @@ from wearscope.reporting.overview_page import render_overview
 from wearscope.reporting.study import Study
 from wearscope.robots.model import load_model
 from wearscope.storage import tables
-from wearscope.storage.checksums import show_answer
+from wearscope.storage.files import show_answer
 
 TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
 #: Tables by cell: the partitions' reports tell of them.

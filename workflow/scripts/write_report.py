@@ -17,7 +17,7 @@ from wearscope.reporting.study import Study
 from wearscope.reporting.study_page import render_study
 from wearscope.robots.model import load_model
 from wearscope.storage import tables
-from wearscope.storage.checksums import show_answer
+from wearscope.storage.files import show_answer
 
 TABLES = (
     "surrogates", "validation", "sensitivity", "ranking", "scope", "failures",

@@ -14,8 +14,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from wearscope.archive.members import CONFIG, Manifest, show, walk_archive
-from wearscope.archive.packing import restore_archive, unpack_archive
+from wearscope.archive.packing import CONFIG, Manifest, restore_archive, show, unpack_archive, walk_archive
 from wearscope.errors import InputError
 from wearscope.processes import end_process
 

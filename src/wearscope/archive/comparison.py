@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.archive.members import MADE, MANIFEST, Manifest, parse_manifest, read_member, walk_archive
+from wearscope.archive.packing import MADE, MANIFEST, Manifest, parse_manifest, read_member, walk_archive
 from wearscope.errors import InputError
 from wearscope.storage import tables
-from wearscope.storage.checksums import SETTINGS, check_shown
-from wearscope.storage.files import digest_file, load_json
+from wearscope.storage.files import SETTINGS, check_shown, digest_file, load_json
 from wearscope.storage.verdicts import check_verdict
 
 

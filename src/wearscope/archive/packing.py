@@ -1,50 +1,346 @@
-"""A finished study in one file: packed, unpacked, restored; the form is in `wearscope.archive`.
+"""A finished study in one tar file: packed, read, unpacked, restored; the form is in `wearscope.archive`.
 
-A restored configuration has no lines that would let code run, unless the user allows them.
+Equal content gives equal bytes, read in small pieces. ``MANIFEST.json`` says what the file holds and was made
+with, and is believed only after it is checked. A restored configuration has no lines that would let code run,
+unless the user allows them.
 """
 
 import hashlib
+import io
 import json
 import os
+import re
 import shutil
+import tarfile
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
-from typing import IO, Any
+from pathlib import Path, PurePosixPath
+from typing import IO, Annotated, Any, Literal
 
 import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wearscope import limits
-from wearscope.archive.members import (
-    CHECKSUM,
-    CONFIG,
-    FORMAT,
-    MANIFEST,
-    FileEntry,
-    Manifest,
-    as_content,
-    check_names,
-    describe_checksum,
-    extract_archive,
-    parse_manifest,
-    walk_archive,
-    write_tar,
-)
 from wearscope.config import TAKEN, drop_retired
-from wearscope.errors import InputError
-from wearscope.storage.checksums import record_checksums
+from wearscope.errors import InputError, describe, explain_breach
 from wearscope.storage.files import (
     check_plain,
     digest_file,
     explain_unwritten,
+    load_json,
+    record_checksums,
     write_new,
     write_text,
     write_whole,
 )
 from wearscope.storage.plain_yaml import read_mapping
 from wearscope.storage.provenance import describe_provenance
+
+MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
+CONFIG = "config.yaml"
+#: Format 1 is that of release 0.1.0: without the configuration and the manifest's own checksum.
+FORMAT = 2
+#: Files that packing makes; no file of a study has these names. Only release 0.2.0 made the last of them.
+MADE = (MANIFEST, CHECKSUM, CONFIG, "ro-crate-metadata.json")
+
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Part(BaseModel):
+    """A part of the manifest; a key it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class FileEntry(Part):
+    """A file of the archive."""
+
+    sha256: Digest
+    bytes: Annotated[int, Field(ge=0, le=limits.ARCHIVE_BYTES)]
+
+
+class CodeVersion(Part):
+    """With which code the study was made."""
+
+    wearscope: str
+    commit: str | None
+    changed: bool
+    sha256: Digest
+    files: dict[str, Digest]
+    date: str | None = None
+    """Of the commit."""
+
+
+class Manifest(Part):
+    """Content of ``MANIFEST.json``."""
+
+    format: Literal[1, 2]
+    study: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
+    config: dict[str, Any]
+    python: str
+    packages: dict[str, str]
+    code: CodeVersion
+    inputs: dict[str, Digest] = {}
+    """Digest by path of the user's own files: robots, test-cycles, detectors."""
+    files: dict[str, FileEntry]
+
+
+def parse_manifest(content: bytes, where: str) -> Manifest:
+    """Read and check a manifest.
+
+    Parameters
+    ----------
+    content : bytes
+    where : str
+        What messages call the archive.
+
+    Raises
+    ------
+    InputError
+        One sentence for the first thing that is wrong.
+    """
+    try:
+        fields = load_json(content, object_pairs_hook=_refuse_doubles)
+    except (ValueError, RecursionError) as error:
+        told = f"{MANIFEST} is not readable JSON ({describe(error)})"
+        raise InputError(f"{where}: {told}; get the file again.") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{where}: {MANIFEST} holds no mapping; get the file again.")
+    if type(fields.get("format")) is not int or fields["format"] not in (1, FORMAT):
+        given = repr(fields.get("format"))[:40]
+        raise InputError(
+            f"{where}: has format {given}, this version reads 1 to {FORMAT}; use the version of wearscope "
+            "that made it, or get the file again."
+        )
+    try:
+        manifest = Manifest.model_validate(fields)
+    except RecursionError:
+        raise InputError(f"{where}: {MANIFEST}: is nested too deeply; get the file again.") from None
+    except ValidationError as error:
+        raise InputError(f"{where}: {MANIFEST}: {explain_breach(error)}; get the file again.") from None
+    if manifest.format == 1 and any(name in manifest.files for name in MADE):
+        raise InputError(f"{where}: {MANIFEST} lists a name that format 1 has not; get the file again.")
+    check_names(manifest.files, where)
+    if sum(entry.bytes for entry in manifest.files.values()) > limits.ARCHIVE_BYTES:
+        raise InputError(
+            f"{where}: would take more than {limits.ARCHIVE_BYTES >> 30} GiB; get the file again."
+        )
+    return manifest
+
+
+def check_names(names: Iterable[str], where: str) -> None:
+    """Refuse names of files that do not stay in their folder, or that a file system may not hold.
+
+    Raises
+    ------
+    InputError
+        Naming the first.
+    """
+    names = set(names)
+    folders = {parent.as_posix() for name in names for parent in PurePosixPath(name).parents}
+    for name in sorted(names):
+        parts = name.split("/")
+        reason = None
+        if name.startswith("/") or ".." in parts:
+            reason = "leads out of the archive"
+        elif "" in parts or "." in parts:
+            reason = "is no plain path"
+        elif re.search(r"[\x00-\x1f\x7f-\x9f\\\ud800-\udfff]", name):
+            reason = "holds a control character or a backslash"
+        elif any(part[0] in ".-" for part in parts):
+            reason = "is hidden or starts like an option"
+        elif len(name.encode()) > limits.PATH or any(len(part.encode()) > 200 for part in parts):
+            reason = "is too long"
+        elif name in folders:
+            reason = "is both a file and a folder"
+        elif name in (MANIFEST, CHECKSUM):
+            reason = "is taken by the archive itself"
+        if reason:
+            raise InputError(f"{where}: the name {show(name)} {reason}; get the file again.")
+
+
+def show(name: str) -> str:
+    """Name from an archive, without what a terminal would act on, cut where it is long."""
+    return ascii(name[:80])[1:-1]
+
+
+def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) != len(pairs):
+        raise ValueError("a key is there twice")
+    return fields
+
+
+_BLOCK = 1 << 20
+#: Kinds of header that `tarfile` reads whole.
+_LARGE = (
+    tarfile.GNUTYPE_LONGNAME,
+    tarfile.GNUTYPE_LONGLINK,
+    tarfile.XHDTYPE,
+    tarfile.XGLTYPE,
+    tarfile.SOLARIS_XHDTYPE,
+)
+
+
+class _Header(tarfile.TarInfo):
+    """A header; refused where its own content is large, such as a long name that `tarfile` reads whole."""
+
+    def _proc_member(self, tar: tarfile.TarFile) -> Any:
+        if self.type in _LARGE and self.size > limits.TAR_HEADER_BYTES:
+            raise tarfile.ReadError(f"a header of more than {limits.TAR_HEADER_BYTES} bytes")
+        return super()._proc_member(tar)  # type: ignore[misc]
+
+
+def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[bytes]]]]) -> None:
+    """Write an uncompressed tar.
+
+    Parameters
+    ----------
+    path : str
+    members : iterable of (name, size, open)
+        In this order; `open` gives the content.
+    """
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as tar:
+        for name, size, opened in members:
+            member = tarfile.TarInfo(name)
+            member.size, member.mode = size, 0o644
+            with opened() as content:
+                tar.addfile(member, content)
+
+
+def walk_archive(path: str | Path) -> Manifest:
+    """Check an archive from its first byte to its last.
+
+    No more is read of a file than the manifest says, nothing is decompressed, no name leads elsewhere.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Raises
+    ------
+    InputError
+        Where the file is no archive of a study, or the first thing that is missing, unknown or altered.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():
+            reason = "is no plain file" if path.exists() else "no such file"
+            raise InputError(f"{path}: {reason}; name an archive made by the target archive.")
+        with tarfile.open(path, "r:", tarinfo=_Header) as tar:
+            manifest = _read_manifest(tar, path)
+            waiting = dict(manifest.files)
+            while (member := tar.next()) is not None:
+                name = show(member.name)
+                if member.name not in waiting:
+                    raise InputError(f"{path}: {name} is not in its manifest; get the file again.")
+                _check_content(tar, member, waiting.pop(member.name), path)
+            end = tar.offset
+        _check_end(path, end)
+    except (tarfile.TarError, EOFError, OSError, ValueError, OverflowError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        told = f"is no whole tar archive ({describe(error)})"
+        raise InputError(f"{path}: {told}; get the file again.") from error
+    if waiting:
+        raise InputError(f"{path}: {show(min(waiting))} is missing; get the file again.")
+    return manifest
+
+
+def describe_checksum(manifest: bytes) -> bytes:
+    """Content of ``MANIFEST.sha256``, as `sha256sum` writes it."""
+    return f"{hashlib.sha256(manifest).hexdigest()}  {MANIFEST}\n".encode()
+
+
+def extract_archive(path: str | Path, folder: Path) -> None:
+    """Write the files of an archive that `walk_archive` found good into a folder, as new files.
+
+    Raises
+    ------
+    OSError
+        Where the disk refuses one.
+    """
+    with tarfile.open(path, "r:") as tar:
+        tar.extraction_filter = getattr(tarfile, "data_filter", None)  # new in Python 3.11.4
+        members = tar.getmembers()
+        now = time.time()
+        for member in members:
+            member.mtime = now
+        tar.extractall(folder, members)
+
+
+def read_member(path: str | Path, name: str) -> bytes:
+    """Content of one file of an archive that `walk_archive` found good."""
+    with tarfile.open(path, "r:") as tar:
+        file = tar.extractfile(name)
+        assert file is not None
+        return file.read()
+
+
+def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
+    first = tar.next()
+    if first is None or first.name != MANIFEST or not _is_plain(first):
+        raise InputError(f"{path}: is no archive of a study; its first member is not {MANIFEST}.")
+    if first.size > limits.MANIFEST_BYTES:
+        raise InputError(
+            f"{path}: {MANIFEST} is larger than {limits.MANIFEST_BYTES / 1e6:g} MB; get the file again."
+        )
+    content = _read_small(tar, first)
+    manifest = parse_manifest(content, str(path))
+    if manifest.format > 1:
+        second = tar.next()
+        good = second is not None and second.name == CHECKSUM and _is_plain(second) and second.size < 200
+        wanted = _read_small(tar, second) if good and second is not None else b""
+        if wanted != describe_checksum(content):
+            raise InputError(
+                f"{path}: {MANIFEST} is not what was packed (its checksum differs); get the file again."
+            )
+    return manifest
+
+
+def _check_content(tar: tarfile.TarFile, member: tarfile.TarInfo, entry: FileEntry, path: Path) -> None:
+    name = show(member.name)
+    if not _is_plain(member):
+        raise InputError(f"{path}: {name} is no plain file; get the file again.")
+    if member.size != entry.bytes:
+        raise InputError(
+            f"{path}: {name} is not what was packed (its size is {member.size}, not {entry.bytes}); get the "
+            "file again."
+        )
+    file = tar.extractfile(member)
+    assert file is not None
+    digest = hashlib.sha256()
+    while block := file.read(_BLOCK):
+        digest.update(block)
+    if digest.hexdigest() != entry.sha256:
+        raise InputError(f"{path}: {name} is not what was packed (its checksum differs); get the file again.")
+
+
+def _read_small(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    file = tar.extractfile(member)
+    assert file is not None
+    return file.read()
+
+
+def _is_plain(member: tarfile.TarInfo) -> bool:
+    return member.isreg() and not member.issparse()
+
+
+def _check_end(path: Path, end: int) -> None:
+    """Only zeros follow the last member."""
+    with open(path, "rb") as file:
+        file.seek(end)
+        while block := file.read(_BLOCK):
+            if block.strip(b"\0"):
+                raise InputError(f"{path}: something follows its end; get the file again.")
+
+
+def as_content(content: bytes) -> Callable[[], IO[bytes]]:
+    """Bytes as `write_tar` takes the content of a member."""
+    return lambda: io.BytesIO(content)
 
 
 def pack_study(

@@ -15,8 +15,7 @@ import click
 
 from wearscope.cli.workflow import Progress, explain_failure
 from wearscope.errors import escape_text
-from wearscope.storage.checksums import check_answer
-from wearscope.storage.files import DamagedFile
+from wearscope.storage.files import DamagedFile, check_answer
 
 
 def say(*lines: object, err: bool = False, bold: bool = False) -> None:

@@ -14,7 +14,7 @@ from wearscope import limits
 from wearscope.cli.progress import say
 from wearscope.cli.study import find_last_study
 from wearscope.errors import InputError, escape_text
-from wearscope.storage.checksums import check_shown
+from wearscope.storage.files import check_shown
 
 #: Results that `show` lists first, and the question that each answers.
 QUESTIONS = {
@@ -114,7 +114,7 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
     """
     from wearscope.cli.tables import frame_rows, read_frame
     from wearscope.reporting.labels import read_detector_names
-    from wearscope.storage.checksums import SETTINGS
+    from wearscope.storage.files import SETTINGS
 
     given = item is not None and _is_file(Path(item))
     folder = Path() if given else find_results(place)

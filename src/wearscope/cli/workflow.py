@@ -21,8 +21,7 @@ from wearscope import limits
 from wearscope.errors import InputError, explain_yaml
 from wearscope.home import find_home
 from wearscope.processes import PYTHON, STARTER, identify_process, isolate
-from wearscope.storage.checksums import LOCK
-from wearscope.storage.files import FULL, check_plain, explain_unwritten, open_new, write_text
+from wearscope.storage.files import FULL, LOCK, check_plain, explain_unwritten, open_new, write_text
 from wearscope.storage.plain_yaml import load_plain_yaml, take_label
 
 _STEPS = re.compile(r"^(\d+) of (\d+) steps \(.+%\) done")

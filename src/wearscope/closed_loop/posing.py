@@ -12,7 +12,7 @@ from wearscope.closed_loop.model.declared import fit_declared_model
 from wearscope.closed_loop.model.delays import move_by_delays
 from wearscope.effects.base import Effect, load_effect
 from wearscope.errors import InputError
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import parse_urdf
 
 
 def find_prismatic(urdf: Path, joints: list[str]) -> list[bool]:

@@ -8,31 +8,29 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from wearscope.config.design import (
-    DesignSettings,
-    DetectorSettings,
-    FactorSettings,
-    PartitionSettings,
-    SimulationSettings,
-    SurrogateSettings,
-)
 from wearscope.config.sections import (
     KEYS,
     TAKEN,
     AuditSettings,
     CarryOverSettings,
     ClosedLoopSettings,
+    DesignSettings,
+    DetectorSettings,
     DetectSettings,
     DirectSettings,
     ExportSettings,
     FactorName,
+    FactorSettings,
     Name,
+    PartitionSettings,
     ReevaluateSettings,
     ScopeSettings,
     Section,
     SensitivitySettings,
     Share,
+    SimulationSettings,
     SnrSettings,
+    SurrogateSettings,
     TrackingSettings,
 )
 

@@ -6,8 +6,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, Positive, check_nominal
-from wearscope.detectors.motion import compute_joint_residual, compute_payload_torque, find_top_speed
+from wearscope.detectors.base import (
+    Array,
+    Batch,
+    Positive,
+    check_nominal,
+    compute_joint_residual,
+    compute_payload_torque,
+    find_top_speed,
+)
 
 #: Share of a column's information below which it cannot be told from the nominal friction's own uncertainty.
 _ABSORBED = 1e-9

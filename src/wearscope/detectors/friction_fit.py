@@ -6,8 +6,14 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, Positive, check_nominal
-from wearscope.detectors.motion import compute_joint_residual, find_top_speed
+from wearscope.detectors.base import (
+    Array,
+    Batch,
+    Positive,
+    check_nominal,
+    compute_joint_residual,
+    find_top_speed,
+)
 
 
 @dataclass

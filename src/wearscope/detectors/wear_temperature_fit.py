@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, Positive, check_nominal
-from wearscope.detectors.motion import (
+from wearscope.detectors.base import (
+    Array,
+    Batch,
+    Positive,
+    check_nominal,
     compute_joint_residual,
     compute_payload_torque,
     compute_rigid_torque,

@@ -23,9 +23,8 @@ from wearscope.designs.factors import (
 from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import wilson_interval
-from wearscope.surrogates.fitting import CELL, cell_name, cells_of, surrogates_of
-from wearscope.surrogates.selection import CHOSEN, ChosenSurrogate
-from wearscope.surrogates.surrogate import Surrogate
+from wearscope.surrogates.chosen import CHOSEN, ChosenSurrogate
+from wearscope.surrogates.fitting import CELL, Surrogate, cell_name, cells_of, surrogates_of
 
 #: Answers are withheld where a right surrogate would see evidence this contrary with less than this
 #: probability.
@@ -65,7 +64,7 @@ def weigh_evidence(
     verdicts : DataFrame, optional
         From `wearscope.evaluation.audit.audit_verdicts`.
     direct : DataFrame, optional
-        From `wearscope.evaluation.direct.direct_table`.
+        From `wearscope.evaluation.snr.direct_table`.
 
     Returns
     -------

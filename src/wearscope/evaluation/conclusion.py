@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.detection import Cells, detection_table, largest_passing
 from wearscope.evaluation.ranking import (
     RESAMPLINGS,
     Recommendation,
@@ -19,6 +18,7 @@ from wearscope.evaluation.ranking import (
     reach_table,
     recommend,
 )
+from wearscope.evaluation.sampled_scope import Cells, detection_table, largest_passing
 from wearscope.evaluation.scope import SURE, add_counts, count_scope
 from wearscope.surrogates.fitting import CELL
 

@@ -19,11 +19,10 @@ from scipy.stats import binom, rankdata
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
-from wearscope.evaluation.detection import sampled_tolerance
+from wearscope.evaluation.sampled_scope import sampled_tolerance
 from wearscope.evaluation.snr import NOISE_FREE, draw_snr, response_size
-from wearscope.surrogates.chosen import read_chosen, read_noise
+from wearscope.surrogates.chosen import CONSTANT, ChosenSurrogate, read_chosen, read_noise
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
-from wearscope.surrogates.selection import CONSTANT, ChosenSurrogate
 
 Array = NDArray[np.float64]
 #: Changes of the fault, coded, at which the scope is stated.

@@ -16,8 +16,14 @@ from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
 from wearscope.evaluation.snr import output_status
-from wearscope.surrogates.fitting import CELL, cell_name, surrogates_of
-from wearscope.surrogates.surrogate import Surrogate, expand_coefficients, hold_levels
+from wearscope.surrogates.fitting import (
+    CELL,
+    Surrogate,
+    cell_name,
+    expand_coefficients,
+    hold_levels,
+    surrogates_of,
+)
 
 METHODS = ("exact", "kde")
 Array = NDArray[np.float64]

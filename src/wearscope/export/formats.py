@@ -21,12 +21,11 @@ from scipy.optimize import nnls
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant
 from wearscope.export.holdings import FASTEST, Holdings
-from wearscope.robots import urdf_file
+from wearscope.robots import urdf
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array, Inertia
-from wearscope.robots.urdf import make_link
-from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, Link, Pose, Tree, parse_urdf
+from wearscope.robots.urdf import OPEN_LIMIT, Joint, Link, Pose, Tree, make_link, parse_urdf
 from wearscope.simulation.balance import deflection
 
 #: Torques at which the springs meet the gear's law, over the torque that takes up the lost motion.
@@ -170,7 +169,7 @@ _LEAST = 1e-9
 def write_urdf(model: RobotModel, held: Holdings) -> str:
     """URDF with friction and damping under ``dynamics`` and the payload as a link of its own."""
     dynamics = zip(held.damping, held.friction, strict=True)
-    return urdf_file.write_urdf(_mount_payload(held), dict(zip(model.joints, dynamics, strict=True)))
+    return urdf.write_urdf(_mount_payload(held), dict(zip(model.joints, dynamics, strict=True)))
 
 
 def _mount_payload(held: Holdings) -> Tree:

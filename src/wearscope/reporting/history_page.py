@@ -23,8 +23,16 @@ from wearscope.reporting.labels import count_text, read_detector_names, upper_fi
 from wearscope.reporting.page import Section, badge, embed_chart, render_page, render_table
 from wearscope.reporting.page_strip import Strip, read_strip
 from wearscope.storage import tables
-from wearscope.storage.checksums import ANSWERS, MADE, SETTINGS, check_answer
-from wearscope.storage.files import DamagedFile, check_plain, digest_file, load_json
+from wearscope.storage.files import (
+    ANSWERS,
+    MADE,
+    SETTINGS,
+    DamagedFile,
+    check_answer,
+    check_plain,
+    digest_file,
+    load_json,
+)
 from wearscope.storage.verdicts import read_verdict
 
 #: File in which a folder of results keeps its answers, also those of earlier runs.

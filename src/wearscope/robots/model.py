@@ -32,8 +32,7 @@ from wearscope.robots.model_file import (
     relate_effects,
 )
 from wearscope.robots.spatial import Array
-from wearscope.robots.urdf import normalise_urdf
-from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.robots.urdf import OPEN_LIMIT, normalise_urdf, parse_urdf
 from wearscope.storage import tables
 
 

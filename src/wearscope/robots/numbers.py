@@ -12,8 +12,7 @@ from wearscope.errors import InputError
 from wearscope.robots.fields import Controller, DeclaredPayload, Drive, Section, Sensors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Inertia
-from wearscope.robots.urdf import replace_inertias
-from wearscope.robots.urdf_file import parse_urdf
+from wearscope.robots.urdf import parse_urdf, replace_inertias
 
 #: Sections of a model whose numbers have a path.
 SECTIONS: dict[str, type[Section]] = {

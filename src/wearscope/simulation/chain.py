@@ -9,8 +9,7 @@ import numpy as np
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array, Inertia, rpy_to_matrix
-from wearscope.robots.urdf import make_link
-from wearscope.robots.urdf_file import Tree, parse_urdf, write_link, write_urdf
+from wearscope.robots.urdf import Tree, make_link, parse_urdf, write_link, write_urdf
 
 
 class Chain(namedtuple("Chain", "order parent prismatic offset turn axis mass com tensor gravity")):

@@ -11,8 +11,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
-from wearscope.robots.urdf import free_joints, movable_joints
-from wearscope.robots.urdf_file import Joint, parse_urdf
+from wearscope.robots.urdf import Joint, free_joints, movable_joints, parse_urdf
 from wearscope.starters.columns import count_numbered, find_groups, name_joints
 from wearscope.starters.figures import take_option
 from wearscope.starters.held import take_news

@@ -12,8 +12,7 @@ from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.friction import SOURCE, friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
-from wearscope.robots.urdf import free_joints, movable_joints, normalise_urdf
-from wearscope.robots.urdf_file import OPEN_LIMIT, Joint, parse_urdf
+from wearscope.robots.urdf import OPEN_LIMIT, Joint, free_joints, movable_joints, normalise_urdf, parse_urdf
 from wearscope.starters.figures import (
     START_TIME,
     Figures,

@@ -10,7 +10,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array, unwrap_turns
-from wearscope.robots.urdf_file import OPEN_LIMIT, Joint
+from wearscope.robots.urdf import OPEN_LIMIT, Joint
 from wearscope.starters.columns import SHARES, Group, split_name
 from wearscope.starters.figures import Figures, take_option
 from wearscope.starters.mapped import Mapped, choose_groups

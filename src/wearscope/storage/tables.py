@@ -166,7 +166,7 @@ def _replace_missing(content: Any) -> Any:
 def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
     """Read a Parquet file, its pages checked by their checksums.
 
-    A changed footer may pass; the checksums of a study (`wearscope.storage.checksums`) find it.
+    A changed footer may pass; the checksums of a study (`wearscope.storage.files`) find it.
 
     Parameters
     ----------

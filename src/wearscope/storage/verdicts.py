@@ -7,8 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from wearscope import limits
 from wearscope.errors import InputError, explain_breach
-from wearscope.storage.checksums import check_shown
-from wearscope.storage.files import read_json
+from wearscope.storage.files import check_shown, read_json
 
 #: Neither text nor a truth value is read as a number.
 _Number = Annotated[float | None, Strict()]

@@ -12,6 +12,7 @@ from wearscope.surrogates.fitting import (
     CELL,
     IDENTIFICATION,
     VALIDATION,
+    Surrogate,
     cell_name,
     cells_of,
     factor_columns,
@@ -19,7 +20,6 @@ from wearscope.surrogates.fitting import (
     usable_points,
 )
 from wearscope.surrogates.kinds.base import model_fit, pure_error
-from wearscope.surrogates.surrogate import Surrogate
 
 
 def leverage(phi: ArrayLike) -> np.ndarray:

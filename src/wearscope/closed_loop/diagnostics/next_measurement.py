@@ -29,7 +29,7 @@ from wearscope.cycles.base import Reference, check_reference, list_cycles, load_
 from wearscope.cycles.planned import PlannedMotion, write_cycle
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
-from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 from wearscope.storage import tables
 
 #: Reach of planned motions over that of the recorded ones, from the middle of the range and within the URDF's

@@ -45,8 +45,7 @@ from wearscope.closed_loop.intake.saturation import (
 from wearscope.closed_loop.intake.sources import MovingJoints, Source, clean_runs, leave_out_rest
 from wearscope.effects.base import Signals
 from wearscope.errors import InputError
-from wearscope.robots.urdf import TINY_MASS, movable_joints, normalise_tree
-from wearscope.robots.urdf_file import parse_urdf, write_urdf
+from wearscope.robots.urdf import TINY_MASS, movable_joints, normalise_tree, parse_urdf, write_urdf
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2

@@ -6,7 +6,7 @@ from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.traits.hypotheses import say_clock
-from wearscope.robots.urdf_file import OPEN_LIMIT, parse_urdf
+from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 
 #: Largest torque swing of a joint that holds still [counts].
 _COUNTS = 5.0
