@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from wearscope.cli.progress import say
+from wearscope.storage.files import check_folder
 
 if TYPE_CHECKING:
     from wearscope.notebook.model_errors import ModelErrors
@@ -34,6 +35,8 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
     from wearscope.notebook.model_errors import evaluate_model
     from wearscope.robots.model import load_model
 
+    if out is not None:
+        check_folder(out)
     errors = evaluate_model(
         load_model(model, strict=False, allow_code=allow_code),
         dataset,

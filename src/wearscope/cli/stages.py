@@ -368,6 +368,7 @@ def demo(out, opened):  # type: ignore[no-untyped-def]
     from wearscope.home import example_dataset
     from wearscope.reporting.closed_loop_page import write_closed_loop_page
 
+    check_folder(out)
     say("Comparing four recordings of an arm with its model ...", err=True)
     close_loop(example_dataset(), out, light=True)
     write_closed_loop_page(out, example_dataset() / "robot.urdf")

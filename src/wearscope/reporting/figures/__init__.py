@@ -1,1 +1,0 @@
-"""One figure a module; each takes result tables and returns a matplotlib figure."""
