@@ -57,7 +57,7 @@ class Part(pd.DataFrame):
 @pytest.fixture(scope="module")
 def study():
     """Planted test quantities of some robots, their surrogates, SNR and scope."""
-    quantities, _ = planted_test_quantities(ROBOTS, ("c1", "c2"), (1, 2), ("A", "B"))
+    quantities, _ = planted_test_quantities(ROBOTS, ("c1",), (1, 2), ("A", "B"))
     surrogates = fit_surrogates(quantities, ["full"])
     grid = {"deltas": [0.0, 1.0, 2.0, 4.0], "sigmas": [0.05, 0.2, 0.5], "runs": 200, "draws": 20}
     scope = scope_table(surrogates, model="full", **grid)
