@@ -19,7 +19,7 @@ from wearscope.export.comparison import HORIZONS, replay
 from wearscope.export.formats import make_spec
 from wearscope.export.holdings import take_holdings, without_motors
 from wearscope.robots.model import RobotModel
-from wearscope.simulation.forward import trace_forward
+from wearscope.simulation.study import trace_forward
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

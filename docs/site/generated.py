@@ -18,8 +18,8 @@ from wearscope.effects.base import Effect, Parameter, load_effect
 #: Modules of the reference by heading.
 REFERENCE = {
     "In a notebook": [
-        "wearscope.notebook.study", "wearscope.notebook.calls", "wearscope.notebook.results",
-        "wearscope.notebook.one_run", "wearscope.closed_loop.diagnosis", "wearscope.home",
+        "wearscope.notebook.study", "wearscope.notebook.calls", "wearscope.notebook.one_run",
+        "wearscope.closed_loop.diagnosis", "wearscope.home",
     ],
     "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
     "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],

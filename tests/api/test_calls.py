@@ -11,14 +11,14 @@ import wearscope
 from wearscope.closed_loop.intake.dataset import read_dataset
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
-from wearscope.notebook.calls import take_recordings
-from wearscope.notebook.model_errors import ModelErrors
-from wearscope.notebook.results import (
+from wearscope.notebook.calls import (
     DetectionResult,
     DiagnosisResult,
     EvaluationResult,
     TrackingResult,
+    take_recordings,
 )
+from wearscope.notebook.model_errors import ModelErrors
 from wearscope.storage.tables import read_table
 
 URDF = wearscope.example_dataset() / "robot.urdf"

@@ -10,7 +10,7 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.model.correction import estimate_torque_noise
 from wearscope.closed_loop.model.estimation import draw_parameters, estimate, estimate_jointly
 from wearscope.closed_loop.run import close_loop, draw_models
-from wearscope.robots.carry_over import find_lacking
+from wearscope.robots.friction import find_lacking
 from wearscope.robots.model import load_model
 
 SPRING = {"stiffness": 12.0, "preload": 3.0}

@@ -10,7 +10,7 @@ from wearscope.closed_loop.run import close_loop
 from wearscope.cycles.base import Reference
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model
-from wearscope.simulation.forward import simulate_forward
+from wearscope.simulation.study import simulate_forward
 
 SHAPE = '    shape=(Parameter("k", "1/{position}", default=2.0),),\n'
 FIXED = HOSE.replace("shape[0]", "3.0").replace(SHAPE, "")

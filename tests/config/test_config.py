@@ -46,7 +46,7 @@ def test_default_study_is_the_paper(paper):
 
 def test_schema_file_is_the_model():
     assert (CONFIG / "schema.json").read_text() == make_schema(), (
-        "python -m wearscope.config > config/schema.json"
+        "write make_schema() of wearscope.config to config/schema.json"
     )
 
 

@@ -13,8 +13,8 @@ from wearscope.cycles.base import Reference
 from wearscope.effects.base import Plant, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import load_model, save_model
-from wearscope.simulation.forward import trace_forward
 from wearscope.simulation.plant import build_plant
+from wearscope.simulation.study import trace_forward
 
 LOAD = (
     "from wearscope.effects.base import load_effect\n"

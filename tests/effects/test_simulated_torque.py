@@ -11,9 +11,9 @@ from wearscope import plugins
 from wearscope.cycles.base import Reference
 from wearscope.effects.base import Signals, load_effect
 from wearscope.robots.model import make_model
-from wearscope.simulation.forward import trace_forward
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.sensors import record
+from wearscope.simulation.study import trace_forward
 
 URDF = describe_robot(
     Joint("turn", "0 0 1", 40, "0 0 0.2", "1.5 1.4 1.0"),

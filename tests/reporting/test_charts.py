@@ -10,9 +10,11 @@ import pandas as pd
 import pytest
 
 from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits
-from wearscope.reporting.charts.questions import chart_roc, chart_scope, chart_snr_cells
 from wearscope.reporting.charts.study import (
     ALL_ROBOTS,
+    chart_roc,
+    chart_scope,
+    chart_snr_cells,
     detection_cases,
     study_filters,
     study_labels,

@@ -1,8 +1,7 @@
 import numpy as np
 
 from wearscope.evaluation.scope import count_matrix
-from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr, use_symlog
-from wearscope.reporting.figures.scope import draw_scope
+from wearscope.reporting.figures import draw_scope, draw_sensitivity, draw_snr, use_symlog
 from wearscope.reporting.style import figure_bytes, figure_style, new_figure
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from wearscope.effects.base import Signals, load_effect
 from wearscope.errors import InputError
-from wearscope.robots.carry_over import carry_over, find_lacking, scale_parameters
-from wearscope.robots.friction import friction_torque
+from wearscope.robots.friction import carry_over, find_lacking, friction_torque, scale_parameters
 from wearscope.robots.model import load_model, save_model
 
 WHOLE = "friction_wear_temperature"

@@ -11,9 +11,9 @@ from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import make_model
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.balance import deflection, invert_deflection
-from wearscope.simulation.forward import simulate_forward, trace_forward
 from wearscope.simulation.plant import build_plant, find_step, make_feedforward, make_law
 from wearscope.simulation.run import BLOCK, run_motion
+from wearscope.simulation.study import simulate_forward, trace_forward
 from wearscope.simulation.terms import pack_terms
 from wearscope.simulation.world import World
 

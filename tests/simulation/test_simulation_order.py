@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import load_model, make_model
-from wearscope.simulation import forward, run
+from wearscope.simulation import run
 from wearscope.simulation.plant import build_plant, make_feedforward
-from wearscope.simulation.study import Conditions, Simulator
+from wearscope.simulation.study import Conditions, Simulator, trace_forward
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -86,7 +86,7 @@ def make_one_joint(effects, bandwidth, slower=1.0):
 def follow(model, reference, dt):
     """Run at every step of `dt`, without friction in the feed-forward."""
     fed = make_feedforward(model, model.rigid_body(), build_plant(model), reference)
-    return forward.trace_forward(model, reference, feedforward=fed, longest_step=dt)
+    return trace_forward(model, reference, feedforward=fed, longest_step=dt)
 
 
 def converge(model, exact, seconds):

@@ -12,7 +12,6 @@ from wearscope.cycles.base import Reference, load_cycle
 from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import load_model
 from wearscope.robots.numbers import Number
-from wearscope.simulation.forward import refine_reference, simulate_forward
 from wearscope.simulation.recording import Recording, read_recording, write_recording
 from wearscope.simulation.run import Trace
 from wearscope.simulation.sensors import check_rate, find_stride, lag_torque, record, seed_of
@@ -21,6 +20,8 @@ from wearscope.simulation.study import (
     Conditions,
     Simulator,
     make_conditions,
+    refine_reference,
+    simulate_forward,
     simulate_point,
     simulate_points,
 )

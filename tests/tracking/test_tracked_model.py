@@ -7,9 +7,8 @@ from session_machine import COULOMB, HEALTHY, HEAT, MEAN, VISCOUS, write_machine
 import wearscope
 from wearscope.effects.base import load_effect
 from wearscope.home import find_home
-from wearscope.robots.carry_over import carry_over, find_lacking
 from wearscope.robots.fields import EffectEntry
-from wearscope.robots.friction import friction_torque
+from wearscope.robots.friction import carry_over, find_lacking, friction_torque
 from wearscope.robots.model import load_model
 from wearscope.tracking.run import track
 

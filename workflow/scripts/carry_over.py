@@ -1,7 +1,7 @@
 """A robot's model with wear and temperature of another."""
 
 from job import run_job
-from wearscope.robots.carry_over import carry_over
+from wearscope.robots.friction import carry_over
 from wearscope.robots.model import load_model, save_model
 
 with run_job(snakemake) as say:

@@ -5,8 +5,7 @@ from screening import read_screening
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.evaluation.snr import answer_rows
-from wearscope.reporting.figures.boxes import draw_sensitivity, draw_snr
-from wearscope.reporting.figures.scope import draw_scope
+from wearscope.reporting.figures import draw_scope, draw_sensitivity, draw_snr
 from wearscope.reporting.style import save_figure
 from wearscope.storage import tables
 

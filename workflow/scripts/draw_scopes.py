@@ -3,7 +3,7 @@
 from job import run_job
 from wearscope.designs.factors import Factor
 from wearscope.evaluation.scope import add_counts, count_scope
-from wearscope.reporting.figures.scope import draw_scope_counts
+from wearscope.reporting.figures import draw_scope_counts
 from wearscope.reporting.style import save_figure
 from wearscope.storage import tables
 

@@ -11,7 +11,7 @@ from wearscope.demonstration.simulated_twin.model import make_true_model
 from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import checking_design, filling_design, local_design, make_design, nominal_design
 from wearscope.errors import InputError
-from wearscope.robots.carry_over import carry_over
+from wearscope.robots.friction import carry_over
 from wearscope.robots.model import load_model, save_model
 from wearscope.simulation.feasibility import check_cycle, check_robot, check_screening, screen_factors
 from wearscope.storage import tables

@@ -16,7 +16,7 @@ from wearscope.designs.factors import Factor
 from wearscope.designs.kinds import make_design
 from wearscope.detectors.base import load_detector
 from wearscope.errors import Findings, InputError
-from wearscope.robots.carry_over import carry_over
+from wearscope.robots.friction import carry_over
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.model_file import Allowed
 from wearscope.simulation.feasibility import check_cycle

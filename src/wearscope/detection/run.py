@@ -37,10 +37,10 @@ from wearscope.detectors.base import Array, Batch
 from wearscope.detectors.questions import OK, Answer, DetectorSpec
 from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel, load_model
-from wearscope.simulation.forward import LONGEST_STEP, trace_forward
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.run import Trace
 from wearscope.simulation.sensors import record
+from wearscope.simulation.study import LONGEST_STEP, trace_forward
 from wearscope.supervision import ProcessLost, run_supervised
 
 #: Assumed where no temperature is recorded [deg C].

@@ -35,17 +35,7 @@ MODULATORS = ("", "sign_qd", "qd")
 
 @njit(cache=True)
 def _take(signal, source, t, q, v, a, load, temperature):
-    if signal == 0:
-        return q[source]
-    if signal == 1:
-        return v[source]
-    if signal == 2:
-        return a[source]
-    if signal == 3:
-        return load[source]
-    if signal == 4:
-        return temperature[source]
-    return t
+    return t if signal == 5 else (q, v, a, load, temperature)[signal][source]
 
 
 @njit(cache=True)

@@ -23,6 +23,7 @@ from wearscope.designs.factors import (
 from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.grouping import wilson_interval
+from wearscope.evaluation.scope import choose_method
 from wearscope.surrogates.chosen import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.fitting import CELL, Surrogate, cell_name, cells_of, surrogates_of
 
@@ -187,9 +188,7 @@ def scope_boundary(
     if rows.empty:
         known = ", ".join(sorted(set(scope["factor"])))
         raise InputError(f"audit: the scope table has no factor '{factor}'; it has {known}.")
-    if (rows["method"] == "exact").any():
-        rows = rows[rows["method"] == "exact"]
-    passing = rows.groupby(["sigma", "delta"], sort=True)["passes"].mean().unstack("delta")
+    passing = choose_method(rows).groupby(["sigma", "delta"], sort=True)["passes"].mean().unstack("delta")
     deltas, reached = passing.columns.to_numpy(), passing.to_numpy() >= share
     edges = [
         (float(deltas[np.argmax(row)]), float(sigma))

@@ -10,16 +10,9 @@ import numpy as np
 import pandas as pd
 
 from wearscope.designs.factors import FAULT, Factor
-from wearscope.evaluation.ranking import (
-    RESAMPLINGS,
-    Recommendation,
-    choose_method,
-    pick_detector,
-    reach_table,
-    recommend,
-)
+from wearscope.evaluation.ranking import RESAMPLINGS, Recommendation, pick_detector, reach_table, recommend
 from wearscope.evaluation.sampled_scope import Cells, detection_table, largest_passing
-from wearscope.evaluation.scope import SURE, add_counts, count_scope
+from wearscope.evaluation.scope import SURE, add_counts, choose_method, count_scope
 from wearscope.surrogates.fitting import CELL
 
 #: Shares of a group's cells that must be sure, tried in turn until some change of the fault reaches the

@@ -24,7 +24,7 @@ from wearscope.evaluation.grouping import (
     check_group,
     nan_median,
 )
-from wearscope.evaluation.scope import count_scope
+from wearscope.evaluation.scope import choose_method, count_scope
 from wearscope.surrogates.fitting import CELL, cell_name
 
 #: Largest number of values that one block of resamplings holds in memory.
@@ -254,12 +254,6 @@ def reach_table(scope: Iterable[pd.DataFrame]) -> pd.DataFrame:
         sure = counts["sure" if counts["known"].any() else "passes"] / counts["cells"]
         parts.append(counts[CELL].assign(reach=sure).groupby(CELL, sort=True)["reach"].mean().reset_index())
     return pd.concat(parts, ignore_index=True)
-
-
-def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the exact method, or of the other method where the study did not ask for the exact one."""
-    exact = scope["method"] == "exact"
-    return scope[exact] if exact.any() else scope
 
 
 def recommend(

@@ -33,6 +33,12 @@ COUNTS = ("cells", "passes", "known", "sure", "differ")
 _GRID = ["factor", "method", "delta", "sigma"]
 
 
+def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the exact method, or of the other method where the study did not ask for the exact one."""
+    exact = scope["method"] == "exact"
+    return scope[exact] if exact.any() else scope
+
+
 def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
     """Counts of the cells of each group at each point of the grid.
 

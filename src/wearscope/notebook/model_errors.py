@@ -144,7 +144,7 @@ def _with_temperature(run: PreparedRun, temperature: float) -> PreparedRun:
 
 def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun) -> list[dict]:
     # The simulator brings PyBullet and compiled code with it.
-    from wearscope.simulation.forward import simulate_forward
+    from wearscope.simulation.study import simulate_forward
 
     reference = make_reference(run)
     count = len(reference.t)
@@ -172,7 +172,7 @@ def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun)
 
 
 def _list_rollout_errors(prepared: Prepared, model: RobotModel, run: PreparedRun) -> list[dict]:
-    from wearscope.simulation.forward import trace_forward
+    from wearscope.simulation.study import trace_forward
 
     s, rate = run.signals, run.band.rate
     lengths = [max(2, round(seconds * rate)) for seconds in HORIZONS]

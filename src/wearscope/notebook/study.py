@@ -194,21 +194,21 @@ class Study:
         InputError
             Where there is no such figure, the study lacks its table, or the axes are of no grid.
         """
-        from wearscope.reporting.figures import boxes, scope
+        from wearscope.reporting import figures
 
         _let_notebook_show_figures()
         if not set(_KEYS).issuperset(by):
             raise InputError(f"by: {', '.join(by)} is no grouping; use some of {', '.join(_KEYS)}.")
         if name == "sensitivity":
-            return boxes.draw_sensitivity(self.table("surrogates"), by=by, figure=_give_place(ax))
+            return figures.draw_sensitivity(self.table("surrogates"), by=by, figure=_give_place(ax))
         if name == "snr":
-            return boxes.draw_snr(self.snr(), self._rank(by), by, _give_place(ax))
+            return figures.draw_snr(self.snr(), self._rank(by), by, _give_place(ax))
         if name == "scope":
             rows = self.scope()
             known = list(dict.fromkeys(rows["factor"]))
             if factor is not None and factor not in known:
                 raise InputError(f"factor: the scope has no '{factor}'; it has {', '.join(known)}.")
-            return scope.draw_scope(rows, factor or known[0], self.factors(), by, _give_place(ax))
+            return figures.draw_scope(rows, factor or known[0], self.factors(), by, _give_place(ax))
         raise InputError(f"there is no figure '{name}'; choose one of {', '.join(_FIGURES)}.")
 
     def _rank(self, by: Sequence[str]) -> pd.DataFrame:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from wearscope.evaluation.conclusion import Conclusion
+from wearscope.evaluation.reevaluation import Reevaluation
+from wearscope.evaluation.scope import choose_method
 from wearscope.reporting.labels import detector_name, join_words
 
 if TYPE_CHECKING:
     from wearscope.designs.factors import Factor
-    from wearscope.evaluation.conclusion import Conclusion
-    from wearscope.evaluation.reevaluation import Reevaluation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +48,13 @@ class Study:
     direct: pd.DataFrame | None = None
     mismatch: pd.DataFrame | None = None
     paper_snr: pd.DataFrame | None = None
-    reevaluation: "Reevaluation | None" = None
+    reevaluation: Reevaluation | None = None
     loops: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     planted: Mapping[str, Any] | None = None
     figures: Mapping[str, Path] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    conclusions: Sequence["Conclusion"] = ()
+    conclusions: Sequence[Conclusion] = ()
     thresholds: pd.DataFrame | None = None
     rankings: pd.DataFrame | None = None
     responses: pd.DataFrame | None = None
@@ -101,5 +102,4 @@ class Study:
 
     def exact_scope(self, factor: str) -> pd.DataFrame:
         """Scope rows of one factor by one method, the exact one where it is there."""
-        rows = self.scope[self.scope["factor"] == factor]
-        return rows[rows["method"] == ("exact" if (rows["method"] == "exact").any() else "kde")]
+        return choose_method(self.scope[self.scope["factor"] == factor])

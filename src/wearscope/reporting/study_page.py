@@ -12,7 +12,8 @@ import yaml
 from markupsafe import Markup
 
 from wearscope.evaluation.conclusion import Conclusion
-from wearscope.reporting.charts.questions import (
+from wearscope.reporting.charts.study import (
+    chart_friction,
     chart_reach,
     chart_response,
     chart_roc,
@@ -20,9 +21,6 @@ from wearscope.reporting.charts.questions import (
     chart_snr,
     chart_snr_cells,
     chart_weights,
-)
-from wearscope.reporting.charts.study import (
-    chart_friction,
     detection_cases,
     study_filters,
     study_labels,

@@ -9,7 +9,7 @@ from wearscope.checking.robot import find_idle_factors
 from wearscope.config import label
 from wearscope.errors import InputError
 from wearscope.home import find_home
-from wearscope.robots.carry_over import carry_over, find_lacking
+from wearscope.robots.friction import carry_over, find_lacking
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote

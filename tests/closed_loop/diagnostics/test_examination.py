@@ -12,7 +12,7 @@ from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.run import close_loop
 from wearscope.errors import SimulationError
-from wearscope.simulation.forward import simulate_forward
+from wearscope.simulation.study import simulate_forward
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_failed_simulation_is_said_and_leaves_no_numbers(made, monkeypatch):
     def fail(simulated, *args, **kwargs):
         raise SimulationError(f"{simulated.name} fell over.")
 
-    monkeypatch.setattr("wearscope.simulation.forward.simulate_forward", fail)
+    monkeypatch.setattr("wearscope.simulation.study.simulate_forward", fail)
     summary = forward.compare_forward(*made)
     assert summary["outcome"].str.contains("fell over").all()
     assert summary[["torque_rms", "motion_rms", "torque_rms_low"]].isna().all(axis=None)
@@ -44,7 +44,7 @@ def test_the_effect_that_stops_a_simulation_is_named(made, monkeypatch):
             raise SimulationError("it fell over.")
         return simulate_forward(simulated, *args, **kwargs)
 
-    monkeypatch.setattr("wearscope.simulation.forward.simulate_forward", fail)
+    monkeypatch.setattr("wearscope.simulation.study.simulate_forward", fail)
     effects = models["before"].to_mapping()["effects"]
     bare = [one for one in effects if (one["effect"], one["joint"]) != ("viscous", "b")]
     said = forward.compare_forward(prepared, models | {"before": models["before"].replace(effects=bare)})

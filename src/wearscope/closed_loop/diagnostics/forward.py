@@ -136,7 +136,7 @@ def _simulate_run(
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], np.ndarray, dict[str, str]]:
     """Simulated torque and motion error by stage, the rows that count, and how it went."""
     # The simulator brings PyBullet and compiled code with it.
-    from wearscope.simulation.forward import simulate_forward
+    from wearscope.simulation.study import simulate_forward
 
     count = len(reference.t)
     at = rows(run.band, count)
