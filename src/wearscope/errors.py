@@ -63,7 +63,8 @@ def explain_breach(error: Any) -> str:
     """First field that a pydantic model refuses (`pydantic.ValidationError`), and why."""
     first = error.errors()[0]
     told = re.sub(r"^Value error, |^\w+ (?=should)", "", first["msg"])
-    told = told.replace("Field required", "is missing").replace("Extra inputs are", "is")
+    told = told.replace("Field required", "is missing").replace("Unexpected keyword argument", "is not known")
+    told = told.replace("Extra inputs are", "is")
     return f"{'.'.join(map(str, first['loc']))} {told}"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from wearscope import plugins
 from wearscope.detectors.base import Batch, load_detector
 from wearscope.detectors.questions import DetectorSpec
 from wearscope.detectors.run import compute_test_quantities, count_failures, join_test_quantities
@@ -225,6 +226,9 @@ def test_load_detector_explains_what_is_wrong(tmp_path, user_file):
         load_detector(user_file(), {"volume": 11})
     with pytest.raises(InputError, match="floor should be less than 1"):
         load_detector("distribution_distance", {"floor": 2})
+    for name in plugins.list_names("detectors", "DETECTOR"):
+        with pytest.raises(InputError, match=rf"{name}: the detector refuses its options .*volume"):
+            load_detector(name, {"volume": 11})
     half = tmp_path / "half.py"
     half.write_text("class DETECTOR:\n def fit(self, nominal, axis, model): ...\n", encoding="utf-8")
     with pytest.raises(InputError, match="has no method test_quantity"):

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from wearscope import plugins
 from wearscope.errors import InputError, explain_breach, tell_error
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 Array = NDArray[np.float64]
+#: Of the class of a detector: its options are checked by their types, and unknown ones refused.
+OPTIONS = ConfigDict(extra="forbid")
 #: Options above 0, and between 0 and 1.
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]

@@ -7,10 +7,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import Array, Batch, Positive, Share, check_nominal
+from wearscope.detectors.base import OPTIONS, Array, Batch, Positive, Share, check_nominal
 
 
-@dataclass
+@dataclass(config=OPTIONS)
 class DistributionDistance:
     r"""Symmetrised Kullback-Leibler divergence between the torque densities of a batch and of nominal data.
 

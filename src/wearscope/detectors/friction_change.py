@@ -7,6 +7,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from wearscope.detectors.base import (
+    OPTIONS,
     Array,
     Batch,
     Positive,
@@ -33,7 +34,7 @@ class Rows(NamedTuple):
     starts: np.ndarray[Any, np.dtype[np.intp]]
 
 
-@dataclass
+@dataclass(config=OPTIONS)
 class FrictionChange:
     r"""Mean rise of the friction torque since the nominal batches, as tracking estimates it.
 

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from wearscope.detectors.base import (
+    OPTIONS,
     Array,
     Batch,
     Positive,
@@ -16,7 +17,7 @@ from wearscope.detectors.base import (
 )
 
 
-@dataclass
+@dataclass(config=OPTIONS)
 class FrictionFit:
     r"""Rise of the friction curve, from friction parameters estimated by least squares.
 

@@ -7,10 +7,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from wearscope.detectors.base import SAME_RATE, Array, Batch, Share, check_nominal
+from wearscope.detectors.base import OPTIONS, SAME_RATE, Array, Batch, Share, check_nominal
 
 
-@dataclass
+@dataclass(config=OPTIONS)
 class ResidualEnergy:
     r"""Relative energy of the difference to the nominal torque signature, sample by sample.
 

@@ -16,6 +16,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from wearscope.detectors.base import (
+    OPTIONS,
     Array,
     Batch,
     Positive,
@@ -294,7 +295,7 @@ FIRST_TEMPERATURES = 32
 STARTS = 3
 
 
-@dataclass
+@dataclass(config=OPTIONS)
 class WearTemperatureFit:
     r"""Wear level f estimated together with the temperature T of the declared friction law.
 
