@@ -56,3 +56,35 @@ def test_a_payload_of_some_runs_is_told_with_its_runs(tmp_path, mass, loaded):
     given = [word for k in loaded for word in ("--payload-of", f"run{k}.csv={line[1]},{com}")]
     shutil.rmtree(tmp_path / "d")
     assert not [note for note in bench.accept(*given) if note.startswith("a payload")]
+
+
+@pytest.mark.parametrize("at", [0.3, pytest.param(-0.4, marks=pytest.mark.slow)])
+def test_friction_that_depends_on_the_position_is_no_wrong_column(tmp_path, at):
+    """Damping that changes along the way looks like a weight's torque that comes early or late."""
+    bench = Bench(tmp_path, 1, size=0.5)
+
+    def torque(q, v, a, rng, t):
+        damping = 0.4 * np.maximum(0.0, 1.0 + 1.2 * (q - at))
+        return chain(q, v, a, 1.2, 0.3) + rub(v, 0.1, damping) + rng.normal(0, 0.01, q.shape)
+
+    assert not [note for note in bench.record(torque).accept() if note.startswith("perhaps")]
+
+
+def test_another_zero_of_a_single_joint_is_told_with_the_balancer_that_explains_as_much(tmp_path):
+    bench = Bench(tmp_path, 1, size=0.7)
+    bench.record(torque_of(1.2, 0.1, 0.1, noise=0.01), position=lambda q, k: q - 1.0)
+    (told,) = [note for note in bench.accept() if note.startswith("perhaps")]
+    found = re.search(r"shifted: {q_j1: (\S+)}", told)
+    assert found is not None and float(found[1]) == pytest.approx(1.0, abs=0.03)
+    assert "which these motions do not tell from it: balancer at j1" in told
+
+
+def test_a_fault_of_all_columns_is_told_though_one_torque_holds_what_no_reading_explains(tmp_path):
+    bench = Bench(tmp_path, 4, size=0.4)
+
+    def torque(q, v, a, rng, t):
+        tau = torque_of(1.2, 0.2, 0.3, noise=0.02)(q, v, a, rng, t)
+        tau[:, 3] += 0.5 * tau[:, 3].std() * np.sin(5.0 * t + rng.uniform(0.0, 6.28))
+        return tau[np.maximum(np.arange(len(t)) - 4, 0)]
+
+    assert "the torque channels come 8" in bench.record(torque).refuse()

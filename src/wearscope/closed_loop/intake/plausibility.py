@@ -17,14 +17,11 @@ from wearscope.closed_loop.intake.traits.hypotheses import say_columns, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows, leave
 from wearscope.closed_loop.intake.traits.score import Weighing
-from wearscope.closed_loop.intake.traits.search import HOPELESS, REFUSE, Weighed, look_at, weigh
+from wearscope.closed_loop.intake.traits.search import HOPELESS, MUCH, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
-#: A run is doubted from this unexplained share of a torque's variance on; no name can be judged from the
-#: second share on (half of the RMS).
-_DOUBTFUL, _UNJUDGED = 0.1, 0.25
-#: Share of a torque's variance below which there is no friction in it.
-_NO_FRICTION = 1e-3
+#: No name can be judged from this unexplained share of a torque's variance on (half of the RMS).
+_UNJUDGED = 0.25
 #: A torque has lost its signs where restored signs reduce its unexplained part to this share.
 _FOLDED = 0.5
 #: A remedy for all runs, and whether a further remedy follows it.
@@ -51,7 +48,7 @@ def check_plausibility(prepared: Prepared) -> None:
         found = _check_readings(prepared, rows)
     # Only now the limits of the signals: a refusal by a reading of the columns tells more.
     for run, own in zip(prepared.runs, left, strict=True):
-        check_signals(prepared, run, own <= _DOUBTFUL)
+        check_signals(prepared, run, own <= MUCH)
     if rows.heard:
         _check_unrelated(prepared, rows, left, found)
         notes.add_notes(prepared, rows, found)
@@ -103,7 +100,7 @@ def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
     A wrong run makes others look wrong, so the doubted run is the one without which the others agree best.
     """
     left = found.stated.leave_by_run()
-    doubtful = np.flatnonzero(left > _DOUBTFUL).tolist() if len(left) > 1 else []
+    doubtful = np.flatnonzero(left > MUCH).tolist() if len(left) > 1 else []
     rest = {k: np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful}
     return [replace(whole, doubted=whole.run == run) for run in sorted(rest, key=lambda k: rest[k])[:1]]
 
@@ -114,17 +111,20 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     poor = not found.is_answer
     if not rows.doubted.all():
         which = np.unique(rows.run).tolist().index(rows.run[rows.doubted][0])
-        poor |= bool(found.best.leave_by_run()[which] > _DOUBTFUL)
+        poor |= bool(found.best.leave_by_run()[which] > MUCH)
     if not refused or poor or found.best.over(found.stated) < REFUSE:
         return None
     parts = [told.rstrip(".") for told, _ in (*refused, *noted)]
-    if max(map(found.best.rub, range(len(found.best.left)))) < _NO_FRICTION:
+    if max(map(found.best.rub, range(len(found.best.left)))) < notes.NO_FRICTION:
         parts = [one.replace("no gravity", "neither gravity nor friction") for one in parts]
     codes = [code for _, some in refused for code in some]
+    named = set(codes)
     text = "; in addition, ".join(parts)
     for tie in found.ties:
-        other = [(told, some) for told, some in tell(tie.reading, rows)[0] if not set(some) <= set(codes)]
-        if other:
+        rival = tell(tie.reading, rows)[0]
+        other = [(told, some) for told, some in rival if not set(some) <= set(codes)]
+        # A rival names something in the place of the best reading, not in addition to it.
+        if other and not named <= {code for _, some in rival for code in some}:
             others = "; ".join(told.rstrip(".") for told, _ in other)
             text += f"; or, which these motions do not tell from it, {others}"
             codes += [code for _, some in other for code in some]
@@ -134,11 +134,11 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
     """Torques without their signs; positions that count from where each run starts."""
     left, joints = _leave(whole), prepared.dataset.joints
-    if np.nan_to_num(left).max(initial=0.0) < _DOUBTFUL / 2.0:
+    if np.nan_to_num(left).max(initial=0.0) < MUCH / 2.0:
         return
     records = [record.load() for record in prepared.dataset.runs]
     lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
-    if np.nanmax(left) > _DOUBTFUL and np.all(lowest[whole.heard] >= 0.0):
+    if np.nanmax(left) > MUCH and np.all(lowest[whole.heard] >= 0.0):
         # A load may keep a torque on one side of zero.
         known = Weighing(whole, coarse=True).fit(Reading.stated(whole.n)).columns.known
         gains = {f"tau_{joints[j]}": _unfold(whole, known, j) for j in whole.heard}

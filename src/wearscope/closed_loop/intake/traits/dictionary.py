@@ -1,9 +1,9 @@
 """A coarse dictionary of machines: columns of what a torque may hold next to the stated rigid body.
 
 The links' inertial parameters may differ from the stated ones, at a cost; each joint has a drive. What a
-machine may have in addition (a payload, a spring, a balancer, a soft gear, friction that grows with the load
-or falls with the speed) are terms. Each column is as large as a coefficient of one standard deviation of its
-prior makes it, in units of the torque's spread.
+machine may have in addition (a payload, a spring, a balancer, a soft gear, friction that grows with the load,
+falls with the speed or changes along the way) are terms. Each column is as large as a coefficient of one
+standard deviation of its prior makes it, in units of the torque's spread.
 """
 
 from dataclasses import dataclass, replace
@@ -26,12 +26,15 @@ _ROTOR = 10.0
 _BALANCED = 0.3
 #: Speeds over which friction falls, as shares of the largest speed.
 _FALLS = (0.05, 0.3)
+#: Waves of a force over the position; places of the range around which friction differs.
+_WAVES, _PLACES = 6, 3
 #: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
 #: sign.
-_WAVES = 6
-OWN: tuple[str, ...] = ("inertia", "Coulomb", "viscous", "offset", "load", "spring", "balancer", "balancer")
-OWN = (*OWN, *["falling"] * 2, *["falling load"] * 2, *["position"] * (2 * _WAVES))
-DRIVE, FREE = 4, ("offset", "spring", "balancer", "position")
+OWN: tuple[str, ...] = ("inertia", "Coulomb", "viscous", "offset", "load friction", "spring")
+OWN = (*OWN, "balancer", "balancer", *["falling friction"] * 2, *["falling load friction"] * 2)
+OWN = (*OWN, *["force by position"] * (2 * _WAVES), *["friction by position"] * _PLACES)
+OWN = (*OWN, *["damping by position"] * _PLACES)
+DRIVE, FREE = 4, ("offset", "spring", "balancer", "force by position")
 FRICTION = slice(1, 3)
 #: A change of the links' parameters counts as without effect below this share of the strongest one's effect.
 _ACTS = 1e-9
@@ -112,6 +115,8 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
         low, high = moved.q.min(axis=0), moved.q.max(axis=0)
         turn = np.pi * (2.0 * moved.q - low - high) / np.maximum(high - low, 1e-300)
         own += [f(k * turn) for k in range(1, 1 + _WAVES) for f in (np.sin, np.cos)]
+        along = [1.0 + np.cos(turn - 2.0 * np.pi * k / _PLACES) for k in range(_PLACES)]
+        own += [x * one for x in (moved.sign, moved.v) for one in along]
     shared = np.concatenate([slack, payload, soft], axis=2)
     return Columns(known, shared, np.stack(own, axis=2), weight, slack.shape[2])
 

@@ -76,9 +76,9 @@ def _turning(few: Weighing) -> list[int]:
 def refine(
     few: Weighing, make: Callable[[float], Reading], start: float, reach: tuple[float, float], hope: float
 ) -> Reading:
-    """The best reading near a number, where that is worth while."""
+    """The best reading near a number, where it fits better than `hope`, both without their odds."""
     best = make(start)
-    if few.look(best) < hope:
+    if few.look(best) - best.nats < hope:
         found = optimize.minimize_scalar(
             lambda x: few.look(make(float(x))), bounds=reach, method="bounded", options={"maxiter": 10}
         )
@@ -156,7 +156,7 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
     fit, n = few.fit(r), few.rows.n
     own = {int(j): fit.size_alone(k) for k, j in enumerate(fit.joint)}
     own = {j: float(np.clip(abs(one), 1e-4, 1e4) * np.sign(one or 1.0)) for j, one in own.items()}
-    every, hope = list(own), few.look(r)
+    every, hope = list(own), few.look(r) - r.nats
     sizes = np.array(list(own.values()))
     middle = float(np.median(np.abs(sizes))) * float(np.sign(sizes.sum()) if len(every) == 1 else 1.0)
 
@@ -271,7 +271,7 @@ def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Torques of all joints late or early by one time, or behind a filter of first order."""
     if r.delay or r.lag:
         return
-    hope = few.look(r)
+    hope = few.look(r) - r.nats
     for field, grid in (("delay", [*_TIMES.tolist(), *(-_TIMES).tolist()]), ("lag", _TIMES.tolist())):
 
         def make(time: float, field: str = field) -> Reading:
@@ -316,7 +316,7 @@ def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
         return r.has("clock", FREE, clock=float(2.0**octaves))
 
     start = min(_OCTAVES[_OCTAVES != 0.0].tolist(), key=lambda one: few.look(make(one)))
-    best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r))
+    best = refine(few, make, start, (start - 0.7, start + 0.7), few.look(r) - r.nats)
     yield _round(few, best, make(start))
 
 
@@ -396,7 +396,7 @@ def _tell_scales(r: Reading, rows: Rows) -> Told | None:
 
 def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Another zero of the position of a joint that turns."""
-    hope = few.look(r)
+    hope = few.look(r) - r.nats
     for j in [j for j in _turning(few) if not r.zero[j]]:
 
         def make(zero: float, j: int = j) -> Reading:

@@ -11,7 +11,7 @@ from wearscope.closed_loop.intake.traits.search import LITTLE, REFUSE, Weighed
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
 #: Share of a torque's variance below which there is no friction in it.
-_NO_FRICTION = 1e-4
+NO_FRICTION = 1e-4
 #: Least mean gravity torque that counts, over the torque's spread; relative difference within which an offset
 #: equals it; ratio of torque to need below which a body is not seen.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
@@ -29,12 +29,16 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
-    if found.best.over(found.stated) > NOTE:
-        left = f"it leaves up to {100 * np.sqrt(model.held.max()):.0f} % of a torque (RMS)"
-        prepared.notes += [
-            f"perhaps {told}" if found.is_answer else f"perhaps, though {left}: {told}" for told, _ in refused
-        ]
     names = prepared.dataset.joints
+    if found.is_answer:
+        # Where the stated reading needs a larger machine, this one may as well be there.
+        more = sorted(found.stated.terms - model.terms)
+        rival = ", ".join(f"{name} at {names[j]}" if j >= 0 else name for name, j in more)
+        also = f"; or, which these motions do not tell from it: {rival}." if rival else "."
+        prepared.notes += [f"perhaps {told.rstrip('.')}{also}" for told, _ in refused]
+    elif found.best.over(found.stated) > NOTE:
+        left = f"it leaves up to {100 * np.sqrt(model.held.max()):.0f} % of a torque (RMS)"
+        prepared.notes += [f"perhaps, though {left}: {told}" for told, _ in refused]
     if not refused or found.is_answer:
         prepared.notes += [told for told, _ in noted]
         factors = {j: one for j, one in enumerate(reading.size) if one != 1.0}
@@ -45,7 +49,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     _note_payload(prepared, found)
     prepared.notes += [f"or, which these motions do not tell from a payload, {told}" for told in rivals]
     for k, j in enumerate(model.fit.joint.tolist()):
-        if model.rub(k) < _NO_FRICTION and model.left[k] < LITTLE:
+        if model.rub(k) < NO_FRICTION and model.left[k] < LITTLE:
             prepared.link_side = prepared.link_side | {names[j]}
     if prepared.link_side:
         link = [name for name in names if name in prepared.link_side]

@@ -280,7 +280,8 @@ class Model:
 
     def rub(self, k: int) -> float:
         """Share of the k-th torque's variance that friction makes."""
-        own = self.own(k) * np.isin(self.fit.names, ("Coulomb", "viscous", "load", "falling", "falling load"))
+        kinds = ("Coulomb", "viscous", "friction", "damping")
+        own = self.own(k) * [any(kind in name for kind in kinds) for name in self.fit.names]
         return float((self.fit.x[k][:, self.fit.shared :] @ own).var())
 
     def find_by_run(self, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -339,9 +340,10 @@ class Model:
             if term not in self.terms:
                 cross = a[on[:, None], at]
                 left = b[at] - cross.T @ (inverse @ b[on])
-                left = np.where(fit.signed[at], np.maximum(left, 0.0), left)
                 own = a[at[:, None], at] - cross.T @ inverse @ cross
-                gain = 0.5 * float(left @ np.linalg.solve(own, left)) - 0.5 * len(at) * np.log(ROWS)
+                x = np.linalg.solve(own, left)
+                x = np.where(fit.signed[at], np.maximum(x, 0.0), x)
+                gain = float(x @ (left - 0.5 * own @ x)) - 0.5 * len(at) * np.log(ROWS)
                 found.append((gain, term))
         return [term for gain, term in sorted(found, reverse=True) if gain > 0.0]
 
