@@ -34,11 +34,11 @@ _MOST = 0.01
 #: A torque is frozen where one value lasts this many times the 95th percentile of its constant stretches, if
 #: there are at least so many of these.
 _LONG, _MANY = 4.0, 20
-#: Share of a run over which a frozen torque is a dead channel.
-_MOST_FROZEN = 0.8
-#: Usual error of a position difference [encoder steps]; largest usual range of a joint at rest, as a share of
-#: its reach and in encoder steps.
-_QUANTA, _RESTING, _RESTING_QUANTA = 5.0, 2e-3, 10.0
+#: Share of a run over which a frozen or faulty torque is a dead channel, of which nothing counts.
+MOST_FROZEN = 0.8
+#: Steps within which a channel's difference is an error of its reading; largest usual range of a joint at
+#: rest, as a share of its reach and in encoder steps.
+QUANTA, _RESTING, _RESTING_QUANTA = 5.0, 2e-3, 10.0
 
 
 @dataclass
@@ -77,7 +77,7 @@ def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
     """
     usual = float(np.ptp(np.percentile(q, [0.5, 99.5])))
     rests = usual <= max(_RESTING * reach, _RESTING_QUANTA * quantum)
-    return max(_QUANTA * quantum, 2.0 * usual if rests else 0.0, 1e-9)
+    return max(QUANTA * quantum, 2.0 * usual if rests else 0.0, 1e-9)
 
 
 def _depart(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,7 +228,7 @@ def _clean_torque(
             f"{run.label}: spikes of tau_{joint} in {int(spiky.sum())} rows were bridged and do not count."
         )
     frozen = _find_frozen(run, j) & ~off
-    if frozen.mean() > _MOST_FROZEN:
+    if frozen.mean() > MOST_FROZEN:
         told = (
             f"column 'tau_{joint}' does not change over most of the run; the channel is dead or saturated, "
             "record it again or leave the joint out."

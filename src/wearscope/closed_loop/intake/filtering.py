@@ -17,14 +17,14 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.effects.signals import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
-_REST_NOISE, _REST_SHARE = 5.0, 0.01
+_REST_NOISE, REST_SHARE = 5.0, 0.01
 #: The same for its largest speed in any train run.
 _REST_OF_ALL = 0.002
 _ORDER = 4
 #: Half length of the common filter's impulse response, in periods of its cut-off.
 _REACH = 4.0
-#: Seconds lost at either end of a run to the filters, in periods of the common cut-off.
-_EDGE_PERIODS = 1.0
+#: What is lost at either end of a run to a filter, in periods of its cut-off.
+EDGE_PERIODS = 1.0
 #: Samples a period of the common cut-off that a fast recording keeps at least, and its least rate [Hz].
 ROWS_PER_PERIOD, _LEAST_RATE = 20.0, 250.0
 #: Half length of the anti-alias filter [new samples].
@@ -60,7 +60,7 @@ class Band:
 
 def rows(band: Band, length: int) -> slice:
     """Rows kept of a run of `length` samples: edges cut, one in `Band.stride`."""
-    edge = int(_EDGE_PERIODS * band.rate / band.torque)
+    edge = int(EDGE_PERIODS * band.rate / band.torque)
     return slice(edge, max(length - edge, edge), band.stride)
 
 
@@ -304,7 +304,7 @@ def differentiate_run(run: Run, rate: float, cutoff: float, usual_speed: np.ndar
     speed_noise = np.sqrt(density * (2 * np.pi) ** 2 * cutoff**3 / 3)
     sure = _REST_NOISE * speed_noise
     top = np.abs(v).max(axis=0)
-    rest = np.maximum(sure, _REST_SHARE * top)
+    rest = np.maximum(sure, REST_SHARE * top)
     if usual_speed is not None:
         rest = np.maximum(rest, _REST_OF_ALL * usual_speed)
     temperature = np.full(q.shape, np.nan) if run.temperature is None else run.temperature

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE
+from wearscope.closed_loop.intake.cleaning import LONGEST_SPIKE, MOST_FROZEN
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import (
+    EDGE_PERIODS,
     Band,
     Motion,
     choose_factor,
@@ -49,12 +50,8 @@ from wearscope.robots.urdf import TINY_MASS, movable_joints, normalise_tree, par
 
 #: Share of a joint's training torque that may be clipped or frozen.
 _MOST_FAULTY = 0.2
-#: Share of faulty samples in a run from which none of the joint's samples counts.
-_ALL = 0.8
 #: Speed below which a joint of unknown encoder step rests, as a share of the largest speed of any joint.
 _STILL = 1e-6
-#: Ends of a recording that are left out, in periods of the motion filter's cut-off.
-_END_PERIODS = 1.0
 
 
 def prepare(dataset: Dataset, urdf_source: str | Path | None = None) -> Prepared:
@@ -170,7 +167,7 @@ def bridge_gaps(
             )
         faulty = source.faulty | clipped
         # Where a drive is off for nearly a whole run, its few other samples do not count either.
-        faulty[:, faulty.mean(axis=0) > _ALL] = True
+        faulty[:, faulty.mean(axis=0) > MOST_FROZEN] = True
         tau = bridge_torque(source.run.tau, predicted, faulty)
         bridged.append(replace(source, run=replace(source.run, tau=tau), faulty=faulty))
         seen.append(replace(run, tau=decimate(tau, factor), faulty=_thin_marks(faulty, factor)))
@@ -243,7 +240,7 @@ def finish_run(
 ) -> PreparedRun:
     """Signals of one run and the rows of it that count."""
     made = differentiate_run(source.run, rate, band.motion, motion.top_speed)
-    source, made = cut_ends(source, made, int(_END_PERIODS * rate / band.motion))
+    source, made = cut_ends(source, made, int(EDGE_PERIODS * rate / band.motion))
     run = source.run
     signals, known, rest = _make_signals(source, made, rate, band, factor, inertia, reversals)
     tau = decimate(run.tau, factor)

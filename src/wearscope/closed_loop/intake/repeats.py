@@ -12,6 +12,7 @@ import numpy as np
 from scipy import ndimage, spatial
 
 from wearscope.closed_loop.intake.recording import Run
+from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 
 #: Runs whose aligned channels differ by less than this share of their spread are copies of each other.
 _COPY = 1e-3
@@ -20,7 +21,7 @@ _OVERLAP, _SHARED = 0.2, 0.1
 #: Half width of the signature's maxima [s]; largest distance of a copy's signature, over the channel's
 #: spread.
 _REACH, _APART = 0.2, 3e-3
-_LEAST_ROWS, _MOST_MARKS, _NEIGHBOURS = 50, 2000, 8
+_MOST_MARKS, _NEIGHBOURS = 2000, 8
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def is_copy(a: Run, b: Run, shift: int) -> bool:
     """
     first, second = max(shift, 0), max(-shift, 0)
     shared = min(len(a.t) - first, len(b.t) - second)
-    if shared < max(_LEAST_ROWS, _OVERLAP * min(len(a.t), len(b.t))):
+    if shared < max(LEAST_ROWS, _OVERLAP * min(len(a.t), len(b.t))):
         return False
     for x, y in ((a.tau, b.tau), (a.q, b.q)):
         one, other = x[first : first + shared], y[second : second + shared]

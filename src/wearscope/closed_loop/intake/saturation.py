@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
+from wearscope.closed_loop.intake.filtering import REST_SHARE
+
 #: Least share of a run's rows that must lie at a level before it is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
 #: Factors on a stated limit: from the first on a torque is at the limit, from the second on beyond it.
@@ -22,8 +24,6 @@ _FOLLOWS = 0.5
 #: A level is that of friction where it holds for this share of the samples that move one way, faster than
 #: `_FAST` of the top speed: friction comes with the direction, a limit with the torque that is needed.
 _WHENEVER, _FAST = 0.95, 0.2
-#: Share of the top speed below which a joint may rest, where friction is whatever holds it.
-_RESTS = 0.01
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
@@ -49,7 +49,7 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.n
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / np.sqrt(6.0)
     span = float(np.ptp(np.percentile(x, [0.5, 99.5])))
     top = float(np.quantile(x, 0.998))
-    moves_at_all = np.abs(v) > _RESTS * np.abs(v).max()
+    moves_at_all = np.abs(v) > REST_SHARE * np.abs(v).max()
     beyond = (predicted > top + _BEYOND * span) & moves_at_all
     if beyond.sum() < max(_ROWS, _SHARE * len(x)):
         return none

@@ -2,14 +2,13 @@
 
 import numpy as np
 
+from wearscope.closed_loop.intake.cleaning import QUANTA
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.traits.hypotheses import say_clock
 from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 
-#: Largest torque swing of a joint that holds still [counts].
-_COUNTS = 5.0
 #: Largest difference of the logarithms of speed factors that count as the same.
 _ONE_FACTOR = 0.1
 
@@ -115,7 +114,7 @@ def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
         load = run.reduce(run.known[:, [j]])[:, 0]
         swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])
         usual = max(_span(other.measured[:, j]) for other in prepared.runs)
-        if torque < _COUNTS * float(estimate_quantum(run.tau[:, [j]])[0]):
+        if torque < QUANTA * float(estimate_quantum(run.tau[:, [j]])[0]):
             continue
         steady = run.measured[:, j].var() > 0.5 * run.tau[:, j].var()
         if steady and min(swing, torque) > 0.5 * usual and swing + torque > 1.6 * _span(load):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wearscope.closed_loop.intake.cleaning import clean_run
+from wearscope.closed_loop.intake.cleaning import QUANTA, clean_run
 from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
 from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
@@ -16,13 +16,11 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.spatial import unwrap_turns
 
-#: A joint moves where it spans this share of the furthest joint's range, and the third value at least [rad or
-#: m]; a run rests below this share of the usual range.
-_MOVES, RESTS, _LEAST_MOTION = 1e-3, 1e-3, 1e-5
+#: Share of the furthest joint's range below which a joint rests, and of the usual range below which a run
+#: does; least span of a joint that moves [rad or m].
+RESTS, _LEAST_MOTION = 1e-3, 1e-5
 #: Largest span [rad] by which a joint that is held still yields.
 _YIELDS = 4e-3
-#: Steps of an encoder within which a joint rests.
-_FEW = 5.0
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
     quantum = known.copy() if run.quantum is None else run.quantum.copy()
     for j in range(len(quantum)):
         alike = known[units == units[j]].max()
-        if np.ptp(run.q[:, j]) <= _FEW * alike:
+        if np.ptp(run.q[:, j]) <= QUANTA * alike:
             quantum[j] = alike
     return quantum
 
@@ -217,7 +215,7 @@ def leave_out_rest(
                 f"{dataset.folder}: the robot stands still in every {use} run; give a {use} run with motion."
             )
     counted = np.array([reading != "none" for reading in dataset.fields.readings().values()])
-    moving = largest > max(_LEAST_MOTION, _MOVES * largest.max())
+    moving = largest > max(_LEAST_MOTION, RESTS * largest.max())
     for some, told in (
         (~counted, "torque does not count, as 'torque: none' says"),
         (counted & ~moving, "no motion in the train runs; friction there stays undetermined"),

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
-from wearscope.closed_loop.intake.filtering import low_pass
+from wearscope.closed_loop.intake.filtering import REST_SHARE, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import normalise_robot, prepare
 from wearscope.closed_loop.intake.sources import Source, clean_record, widest_reach
@@ -23,9 +23,8 @@ from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 
 #: Cut-off and rate [Hz] of the motion on which the choice is based.
 _CUTOFF, _RATE = 5.0, 25.0
-#: Share of its recording's top speed below which a joint counts as at rest; scales of temperature [deg C] and
-#: time [s] over which a machine warms up.
-_SLOW, _WARM, _LONG = 0.01, 30.0, 1000.0
+#: Scales of temperature [deg C] and time [s] over which a machine warms up.
+_WARM, _LONG = 30.0, 1000.0
 #: Information before the first stretch, as a share of a usual stretch's.
 _BEFORE = 1e-3
 #: Largest share of the budget for one recording; share that goes first to one stretch of each session and
@@ -214,7 +213,7 @@ def list_features(source: Source, rate: float) -> tuple[np.ndarray, np.ndarray]:
     a = np.gradient(v, 1.0 / rate, axis=0)
     t, q, v, a = run.t[::step], q[::step], v[::step], a[::step]
     load = source.body.inverse_dynamics(q, v, a)
-    sign = np.where(np.abs(v) > _SLOW * np.abs(v).max(axis=0), np.sign(v), 0.0)
+    sign = np.where(np.abs(v) > REST_SHARE * np.abs(v).max(axis=0), np.sign(v), 0.0)
     warm = np.zeros_like(q) if run.temperature is None else np.nan_to_num(run.temperature[::step] - _WARM)
     time = np.broadcast_to((t / _LONG)[:, None], q.shape)
     one = np.ones_like(q)
