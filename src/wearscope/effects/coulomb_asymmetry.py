@@ -17,6 +17,5 @@ EFFECT = Effect(
     depends_on=("sign_qd_{joint}",),
     row=_row,
     parents=("coulomb",),
-    constant_in_motion=True,
     excitation=REVERSALS,
 )

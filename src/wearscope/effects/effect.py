@@ -111,8 +111,6 @@ class Effect:
     resembles_any : callable or None
         ``resembles_any(signals, joint, shape)``: whether it can follow any function of its signals with that
         shape, so that it needs more evidence; never where None.
-    constant_in_motion : bool
-        Whether its torque changes at rest alone, so that in motion a drift of few runs resembles it.
     opposes_gravity : bool
         Whether it is built to take gravity's load off its joint, and is believed first where it does.
     excitation : str
@@ -176,7 +174,6 @@ class Effect:
     least: Callable[[Signals], float] | None = None
     periodic: bool = False
     resembles_any: Callable[[Signals, int, Sequence[float]], bool] | None = None
-    constant_in_motion: bool = False
     opposes_gravity: bool = False
     excitation: str = OTHERS
     excitation_alone: str = ""
@@ -226,16 +223,6 @@ class Effect:
     def is_thermal(self) -> bool:
         """Whether its torque depends on temperature or time."""
         return bool({"temp_{joint}", "t"} & set(self.depends_on))
-
-    @property
-    def drifts_alike(self) -> bool:
-        """Whether few runs cannot tell it from a drift: it depends on time or temperature, or is a level."""
-        return self.is_thermal or self.is_level
-
-    @property
-    def is_level(self) -> bool:
-        """Whether its torque is constant in motion, which one run cannot tell from the level of a drift."""
-        return self.constant_in_motion or self.is_offset
 
     @property
     def is_offset(self) -> bool:

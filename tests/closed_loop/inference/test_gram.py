@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.inference.gram import Fit, Gram
-from wearscope.closed_loop.inference.offers import list_offers
-from wearscope.closed_loop.inference.splines import Splines
+from wearscope.closed_loop.inference.offers import list_offers, rank_pairs
+from wearscope.closed_loop.inference.policy import Policy
+from wearscope.closed_loop.inference.score import Score
+from wearscope.closed_loop.inference.splines import PAST, Splines
 from wearscope.closed_loop.inference.term import Term
 from wearscope.effects.base import load_effect
 
@@ -65,6 +67,29 @@ def test_a_term_more_gives_the_fit_of_all_terms(model):
         assert offer.gain == pytest.approx(removed, rel=1e-4, abs=1e-6)
 
 
+def test_pairs_are_ranked_by_what_both_terms_gain_together(model):
+    offers = list_offers(model, [0, 1])
+    gains = []
+    for one, two in rank_pairs(model, offers)[:12]:
+        grown = model.extend(one).extend(two).fit
+        removed = np.sum((model.fit.fitted - grown.fitted) * grown.weight)
+        gains.append(removed / np.sqrt(len(one.subset) + len(two.subset)))
+    np.testing.assert_allclose(gains, sorted(gains, reverse=True), rtol=1e-4)
+    alone = max(o.gain / np.sqrt(len(o.term.subset)) for o in offers)
+    assert gains[0] > alone / np.sqrt(3.0)
+
+
+def test_a_constant_is_a_level_and_what_changes_sign_is_none(model):
+    offset = next(t for t in model.terms if t.effect.is_offset)
+    assert model.fit.find_level(offset) == pytest.approx(1.0)
+    friction = next(t for t in model.fit.terms if t.effect.name == "coulomb" and t.joint == 0)
+    keep = model.problem.layout.keep[:, 0]
+    column = friction.at_joint(0)[keep, 0]
+    share = column.mean() ** 2 / np.mean(column**2)
+    assert model.fit.find_level(friction) == pytest.approx(share)
+    assert share < 0.2
+
+
 def test_a_spline_more_gives_the_fit_of_all_terms(model):
     """Its prior is in variances of its joint's residual."""
     splines = Splines(model.problem.prepared, model.problem.joined)
@@ -72,6 +97,16 @@ def test_a_spline_more_gives_the_fit_of_all_terms(model):
     grown = model.extend(Term(candidate, tuple(range(candidate.count)))).fit
     whole = Fit(model.problem.gram, grown.terms, grown.sigma)
     np.testing.assert_allclose(grown.theta, whole.theta, rtol=1e-5, atol=1e-7)
+
+
+def test_what_the_motion_has_been_has_no_level(model):
+    splines = Splines(model.problem.prepared, model.problem.joined)
+    score = Score(Policy(structure_share=1e-9), model.problem.gram.layout, model)
+    past = [t for t in splines.offer(model, 0, score, past=True) if t.effect.name == PAST.name]
+    assert past
+    for term in past:
+        kept = term.at_joint(0)[model.problem.layout.keep[:, 0]]
+        assert np.abs(kept.mean(axis=0)).max() < 1e-9
 
 
 def test_each_product_is_made_once(model, monkeypatch):

@@ -60,19 +60,22 @@ def test_rows_that_repeat_each_other_are_not_counted_twice(weigh):
     assert few < 0.2 * many <= Policy().most_rows
 
 
-def test_small_next_to_a_large_form_is_doubted_and_next_to_another_signal_is_not(weigh, tmp_path):
+def test_small_is_doubted_next_to_a_large_form_of_its_signal_and_a_far_larger_one_of_another(weigh, tmp_path):
     small = spring(1.0)["planted"]
     alone = weigh(planted=small)[0]
     told = {}
-    for name, values in {
-        "gravity_counterbalance": {"sine1": 300.0, "cosine1": 100.0},
-        "quadratic_viscous": {"curvature": 60.0},
+    for case, (name, values) in {
+        "same signal": ("gravity_counterbalance", {"sine1": 300.0, "cosine1": 100.0}),
+        "other signal": ("quadratic_viscous", {"curvature": 60.0}),
+        "other signal, a hundred times": ("quadratic_viscous", {"curvature": 6000.0}),
     }.items():
         shutil.rmtree(tmp_path / "duo")
         _, score, model, _ = weigh(planted=[*small, (0, name, values)])
         offers = list_offers(model, [0], lambda e, _, n=name: e.name == n)
         with_large = model.extend(next(o.term for o in offers if len(o.term.subset) < 3))
         (offer,) = list_offers(with_large, [0], lambda effect, _: effect.name == "joint_spring")
-        told[name] = score.compare(with_large, with_large.extend(offer.term))
-    assert told["gravity_counterbalance"] < 0.0 < told["quadratic_viscous"]
-    assert told["quadratic_viscous"] > 0.5 * alone
+        told[case] = score.compare(with_large, with_large.extend(offer.term))
+    assert told["same signal"] < 0.0 < told["other signal"]
+    assert told["other signal"] > 0.5 * alone
+    # A form error of a percent in the large term would be larger than the spring.
+    assert told["other signal, a hundred times"] < 0.0

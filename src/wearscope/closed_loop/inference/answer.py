@@ -295,7 +295,7 @@ def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[i
                 depends = effect.name_signals(offer.term.model_term.shape, names, joint)
                 told = f"{effect.name} would explain it: {offer.refusal}"
                 left[joint] = Left(share, list(dict.fromkeys(depends)), told)
-            elif not offer.refusal and gain + moves.score.odds(offer.term) > 0.0:
+            elif not offer.refusal and gain + moves.score.find_odds(made, offer.term) > 0.0:
                 able.append((share, effect.name, gain))
         if able and joint not in left:
             share, _, gain = max(able)

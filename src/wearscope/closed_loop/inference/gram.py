@@ -7,6 +7,7 @@ and `Fit` puts a model's together.
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -39,6 +40,7 @@ class Gram:
         self._totals: WeakKeyDictionary[Candidate, WeakKeyDictionary] = WeakKeyDictionary()
         self._own: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
         self._scores: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
+        self._levels: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
 
     @cached_property
     def power(self) -> np.ndarray:
@@ -94,6 +96,13 @@ class Gram:
         if joint not in kept:
             rows = a.rows[a.joints.index(joint)]
             kept[joint] = self._multiply(joint, rows, self.target[:, joint, None])[..., 0]
+        return np.asarray(kept[joint])
+
+    def level(self, a: Candidate, joint: int) -> np.ndarray:
+        """Sums (k_a,) of a candidate's columns."""
+        kept = self._levels.setdefault(a, {})
+        if joint not in kept:
+            kept[joint] = self.layout.keep[:, joint].astype(float) @ a.rows[a.joints.index(joint)]
         return np.asarray(kept[joint])
 
 
@@ -239,6 +248,16 @@ class Fit:
         every = (self.gram.total(term.candidate, term.candidate, j) * self.weight[j] for j in joints)
         return np.asarray(sum(every)[np.ix_(term.columns, term.columns)])
 
+    def find_level(self, term: Term) -> float:
+        """Share of the square of a term's torque at its joint that is its mean's."""
+        if term.joint not in term.candidate.joints:
+            return 0.0
+        beta = self.coefficients(term)
+        total = self.gram.total(term.candidate, term.candidate, term.joint)
+        square = float(beta @ total[np.ix_(term.columns, term.columns)] @ beta)
+        mean = float(self.gram.level(term.candidate, term.joint)[term.columns] @ beta)
+        return mean**2 / max(square * float(self.gram.count[term.joint]), 1e-300)
+
     def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Sums of squares (F,) that parameters (F, P) leave at a joint on units (F, U)."""
         own = theta[:, self.at[joint]]
@@ -339,6 +358,32 @@ class Fit:
         inner = a[np.ix_(rest, rest)] * np.outer(scale, scale)
         onto = a[np.ix_(rest, k)] * scale[:, None]
         return np.asarray(a[np.ix_(k, k)] - onto.T @ np.linalg.solve(inner, onto))
+
+    def project(self, terms: Sequence[Term]) -> tuple[np.ndarray, np.ndarray, list[slice]]:
+        """Further terms' normal matrix (K, K), with the model projected out, right side (K,) and places."""
+        edges = np.cumsum([0, *(len(t.subset) for t in terms)]).tolist()
+        spans = [slice(a, b) for a, b in pairwise(edges)]
+        inner, score = np.zeros((edges[-1], edges[-1])), np.zeros(edges[-1])
+        cross = np.zeros((edges[-1], self.p))
+        for j, weight in enumerate(self.weight):
+            felt = [(t, s) for t, s in zip(terms, spans, strict=True) if j in t.candidate.joints]
+            if not felt:
+                continue
+            at = np.concatenate([np.r_[s] for _, s in felt])
+            x = np.concatenate([t.at_joint(j) for t, _ in felt], axis=1)
+            inner[np.ix_(at, at)] += weight * (x.T @ (x * self.gram.layout.keep[:, j, None]))
+            for term, span in felt:
+                score[span] += weight * self.gram.score(term.candidate, j).sum(axis=0)[term.columns]
+                for k, place in ((k, self.spans[k]) for k in self._felt[j]):
+                    total = self.gram.total(term.candidate, self.terms[k].candidate, j)
+                    cross[span, place] += weight * total[np.ix_(term.columns, self.terms[k].columns)]
+        power = np.diag(inner).copy()
+        for term, span in zip(terms, spans, strict=True):
+            if term.candidate.penalty is not None:
+                inner[span, span] += term.penalty / self._scale_of(term.candidate)
+        inner -= cross @ self.solved[0][0] @ cross.T
+        inner[np.diag_indices_from(inner)] += ROUNDING * power + 1e-300
+        return inner, score - cross @ self.theta, spans
 
     def add(self, candidate: Candidate, subset: Sequence[int]) -> "Added":
         """What each shape of a candidate adds to the fit on all rows (Frisch, Waugh and Lovell).

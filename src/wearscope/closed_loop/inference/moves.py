@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.inference.delays import is_lag, lags_away_from_reversals, lags_slow_torque
 from wearscope.closed_loop.inference.laws import fit_law, is_law
-from wearscope.closed_loop.inference.offers import Offer, is_believable, list_offers, may_gain
+from wearscope.closed_loop.inference.offers import Offer, is_believable, list_offers, may_gain, rank_pairs
 from wearscope.closed_loop.inference.reversal import is_wide, refine_reversals
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.splines import Splines
@@ -19,8 +18,8 @@ from wearscope.closed_loop.model.terms import make_candidate
 
 #: Number of offers scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
-#: Offers of a joint that are tried in pairs.
-_PAIRED = 6
+#: Pairs of a joint's offers that are scored: those that gain most together on the rows they are fitted on.
+_PAIRS = 15
 #: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
 #: Relative change of a reversal's width from which columns are computed again.
@@ -153,12 +152,10 @@ class Moves:
     def add_pair(self, model: Model) -> Model | None:
         """A model with two more terms at a joint that hide each other, where that is more probable."""
         best, most = None, 2.0 * SURELY
-        offers = self.list_offers(model, range(model.problem.prepared.n))
         for joint in range(model.problem.prepared.n):
-            own = [o.term for o in offers if o.term.joint == joint and not o.refusal][:_PAIRED]
-            for one, two in combinations(own, 2):
+            for one, two in rank_pairs(model, self.list_every_offer(model, [joint]))[:_PAIRS]:
                 made = model.extend(one).extend(two)
-                if one.effect is two.effect or not self.is_new(made):
+                if not self.is_new(made):
                     continue
                 gain = self.score.compare(model, made)
                 sound = gain > most and self.is_sound(model, made, one) and self.is_sound(model, made, two)
@@ -207,10 +204,14 @@ class Moves:
                 return tried
         return None
 
-    def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
-        """Offers that may gain, of effects that are not left out."""
+    def list_every_offer(self, model: Model, joints: Iterable[int]) -> list[Offer]:
+        """Offers of effects that are not left out."""
         asks = (lambda effect, _: effect.name not in self.without) if self.without else None
-        return [o for o in list_offers(model, joints, asks) if may_gain(self.score, model, o)]
+        return list_offers(model, joints, asks)
+
+    def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
+        """Those that may gain."""
+        return [o for o in self.list_every_offer(model, joints) if may_gain(self.score, model, o)]
 
     def choose(self, base: Model, offers: Iterable[Offer], reference: Model) -> tuple[Term | None, float]:
         """The offer that makes a model most probable, and by how many nats more than a reference."""

@@ -1,7 +1,8 @@
 """Possible extensions of a model: candidates that apply, with the coefficients that make sense."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -153,6 +154,22 @@ def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> 
     parts, power = np.maximum(np.diag(own), 0.0) * beta**2, max(float(beta @ own @ beta), 1e-300)
     free = term.candidate.penalty is None
     return _CANCELLED if free and np.sqrt(parts / power).max() > _CANCELS else ""
+
+
+def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]:
+    """Pairs of offers of different effects, by what they gain together on all rows; the largest comes first.
+
+    Two terms that hide each other gain little alone, and alone may have sizes that are not believed.
+    """
+    terms = [o.term for o in offers]
+    inner, reduced, spans = model.fit.project(terms)
+    gains = []
+    for (k, one), (j, two) in combinations(enumerate(terms), 2):
+        if one.effect is not two.effect:
+            own = np.r_[spans[k], spans[j]]
+            gain = float(reduced[own] @ np.linalg.solve(inner[np.ix_(own, own)], reduced[own]))
+            gains.append((-gain / np.sqrt(len(own)), k, j))
+    return [(terms[k], terms[j]) for _, k, j in sorted(gains)]
 
 
 def is_believable(model: Model, term: Term) -> bool:

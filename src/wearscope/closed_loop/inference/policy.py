@@ -25,8 +25,9 @@ class Policy(BaseModel):
 
     unknown_odds: float = Field(4.0, ge=0)
     """Further odds against structure without a name, in nats: 55 to 1. Twice these over the number of
-    recordings speak against an offset and what goes with time or temperature, which a drift has too. In a
-    single recording twice these speak against what another joint drives: joints start and stop together."""
+    recordings speak against what goes with time or temperature, which a drift does too, and by its constant
+    share against every other term, since a drift has a level. In a single recording twice these speak against
+    what another joint drives: joints start and stop together."""
 
     zero_level: float = Field(0.05, gt=0, le=1)
     """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own

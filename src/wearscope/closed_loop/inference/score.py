@@ -115,7 +115,8 @@ class Score:
         """Form error (n,) by joint of the terms that only one of two models has [squares of the torque].
 
         It is a share of the standard model's residual, conditional on the common terms that depend on other
-        signals: those terms' form errors depend on the other signals too.
+        signals. The forms of those terms are wrong by that share too, and the same share of their error may
+        follow the signals in question.
         """
         if self.standard is None:
             return np.zeros(len(self.layout.prepared.moving))
@@ -134,10 +135,16 @@ class Score:
         ]
         key = frozenset((t.key, id(t.candidate)) for t in apart)
         if key not in self._forms:
-            given = self.standard.has([*self.standard.terms, *apart])
-            left = np.minimum(given.fit.held_out, self.standard.fit.held_out)
-            self._forms[key] = self.policy.form_error * left
+            share, left = self.policy.form_error, self._leave(apart)
+            exact = self._leave([t for t in apart if t.is_exact])
+            self._forms[key] = share * (left + share * np.maximum(exact - left, 0.0))
         return self._forms[key]
+
+    def _leave(self, terms: Sequence[Term]) -> np.ndarray:
+        """Held-out loss (n,) of the standard model with terms, at most its own."""
+        assert self.standard is not None
+        given = self.standard.has([*self.standard.terms, *terms]) if terms else self.standard
+        return np.minimum(given.fit.held_out, self.standard.fit.held_out)
 
     def compare(self, a: Model, b: Model) -> float:
         """Nats by which model `b` is more probable than `a`; an upper bound where that is low already."""
@@ -159,7 +166,9 @@ class Score:
 
     def _cost(self, model: Model, rows: float) -> float:
         unlikely = sum(_poses_as_balancer(model, term) for term in model.terms)
-        cost = sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
+        cost = sum(
+            0.5 * self.count(term) * np.log(rows) + self.find_odds(model, term) for term in model.terms
+        )
         return float(cost + 0.5 * self.policy.name_odds * unlikely)
 
     def count(self, term: Term) -> float:
@@ -169,20 +178,30 @@ class Score:
         return len(term.subset) + _SHAPE * len(term.model_term.shape)
 
     def odds(self, term: Term) -> float:
-        """Prior odds against a term, in nats."""
+        """Prior odds against a term whatever its torque, in nats."""
         effect, policy = term.effect, self.policy
         if effect.is_in_every_drive:
             return 0.0
         odds = policy.name_odds
-        slow = effect.drifts_alike or (effect.empirical and term.follows_time)
-        if slow:
-            odds += 2.0 * policy.unknown_odds / self.recordings
         if effect.standard:
             return odds
         odds += float(np.log(max(term.alternatives, 1.0)))
         if effect.empirical:
             return odds + policy.unknown_odds
         return odds + (2.0 * policy.unknown_odds if effect.name_driver and self.recordings < 2 else 0.0)
+
+    def find_odds(self, model: Model, term: Term) -> float:
+        """Prior odds against a model's term, those of a drift in its place included, in nats.
+
+        A drift of few recordings follows time and temperature, and has a level: it resembles a term by the
+        share of the term's torque that is constant.
+        """
+        odds, effect = self.odds(term), term.effect
+        if effect.is_in_every_drive or effect.spread:
+            return odds
+        slow = effect.is_thermal or (effect.empirical and term.follows_time)
+        share = 1.0 if slow else model.fit.find_level(term)
+        return odds + 2.0 * self.policy.unknown_odds / self.recordings * share
 
     def _count_rows(self, a: Fit, b: Fit, joint: int) -> float:
         """Independent rows that inform on how two models differ at a joint."""

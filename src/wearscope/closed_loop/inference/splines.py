@@ -91,7 +91,9 @@ class Splines:
         if past:
             for codes, columns in list_past(model.problem.train, joint, _PAST):
                 effect = replace(PAST, depends_on=tuple(f"{code}_{{joint}}" for code in codes))
-                made = Candidate(effect, joint, ((),), (joint,), [columns], penalise(columns))
+                # An offset stays with the model, which loses the past in the end.
+                own = columns - columns[model.problem.layout.keep[:, joint]].mean(axis=0)
+                made = Candidate(effect, joint, ((),), (joint,), [own], penalise(own))
                 gain = float(fit.add(made, range(made.count)).gain[0]) / max(loss, 1e-300)
                 if gain > policy.structure_share:
                     yield Term(made, tuple(range(made.count)), 0, float(count))
