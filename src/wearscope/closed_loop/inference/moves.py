@@ -19,7 +19,7 @@ from wearscope.closed_loop.model.terms import make_candidate
 #: Number of offers scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
 #: Pairs of a joint's offers that are scored: those that gain most together on the rows they are fitted on.
-_PAIRS = 15
+_PAIRS = 6
 #: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
 #: Relative change of a reversal's width from which columns are computed again.

@@ -163,13 +163,22 @@ def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]
     """
     terms = [o.term for o in offers]
     inner, reduced, spans = model.fit.project(terms)
-    gains = []
-    for (k, one), (j, two) in combinations(enumerate(terms), 2):
-        if one.effect is not two.effect:
-            own = np.r_[spans[k], spans[j]]
-            gain = float(reduced[own] @ np.linalg.solve(inner[np.ix_(own, own)], reduced[own]))
-            gains.append((-gain / np.sqrt(len(own)), k, j))
-    return [(terms[k], terms[j]) for _, k, j in sorted(gains)]
+    count, most = len(reduced), max((len(t.subset) for t in terms), default=0)
+    # Terms with fewer coefficients are filled up with some that gain nothing.
+    every = np.eye(count + 2 * most)
+    every[:count, :count] = inner
+    score = np.concatenate([reduced, np.zeros(2 * most)])
+    fill = count + np.arange(2 * most).reshape(2, most)
+    places = [np.array([np.r_[s, one[s.stop - s.start :]] for s in spans]) for one in fill]
+    pairs = [(k, j) for k, j in combinations(range(len(terms)), 2) if terms[k].effect is not terms[j].effect]
+    if not pairs:
+        return []
+    k, j = np.array(pairs).T
+    own = np.concatenate([places[0][k], places[1][j]], axis=1)
+    beta = np.linalg.solve(every[own[:, :, None], own[:, None]], score[own][..., None])[..., 0]
+    sizes = np.array([len(t.subset) for t in terms])
+    order = np.argsort(-(score[own] * beta).sum(axis=1) / np.sqrt(sizes[k] + sizes[j]), kind="stable")
+    return [(terms[k], terms[j]) for k, j in (pairs[o] for o in order)]
 
 
 def is_believable(model: Model, term: Term) -> bool:

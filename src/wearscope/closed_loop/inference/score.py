@@ -69,6 +69,11 @@ class Model:
         """Possible further terms by joint, once they were listed."""
         return {}
 
+    @cached_property
+    def drift(self) -> float:
+        """Number of terms that a drift resembles, each by the share of its torque."""
+        return sum(_resembles_drift(self.fit, term) for term in self.terms)
+
     def has(self, terms: Sequence[Term]) -> "Model":
         """The model with other terms."""
         return Model(self.problem, tuple(terms), self.sigma)
@@ -166,10 +171,8 @@ class Score:
 
     def _cost(self, model: Model, rows: float) -> float:
         unlikely = sum(_poses_as_balancer(model, term) for term in model.terms)
-        cost = sum(
-            0.5 * self.count(term) * np.log(rows) + self.find_odds(model, term) for term in model.terms
-        )
-        return float(cost + 0.5 * self.policy.name_odds * unlikely)
+        cost = sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
+        return float(cost + 0.5 * self.policy.name_odds * unlikely + self._drift_odds * model.drift)
 
     def count(self, term: Term) -> float:
         """Coefficients of a term, and what its shape counts as."""
@@ -191,17 +194,12 @@ class Score:
         return odds + (2.0 * policy.unknown_odds if effect.name_driver and self.recordings < 2 else 0.0)
 
     def find_odds(self, model: Model, term: Term) -> float:
-        """Prior odds against a model's term, those of a drift in its place included, in nats.
+        """Prior odds against a model's term, those of a drift in its place included, in nats."""
+        return self.odds(term) + self._drift_odds * _resembles_drift(model.fit, term)
 
-        A drift of few recordings follows time and temperature, and has a level: it resembles a term by the
-        share of the term's torque that is constant.
-        """
-        odds, effect = self.odds(term), term.effect
-        if effect.is_in_every_drive or effect.spread:
-            return odds
-        slow = effect.is_thermal or (effect.empirical and term.follows_time)
-        share = 1.0 if slow else model.fit.find_level(term)
-        return odds + 2.0 * self.policy.unknown_odds / self.recordings * share
+    @property
+    def _drift_odds(self) -> float:
+        return 2.0 * self.policy.unknown_odds / self.recordings
 
     def _count_rows(self, a: Fit, b: Fit, joint: int) -> float:
         """Independent rows that inform on how two models differ at a joint."""
@@ -233,6 +231,14 @@ class Score:
             if len(sums) >= _FEWEST:
                 worst = max(worst, float(sums @ sums) / single * len(sums) / (len(sums) - 1.0))
         return worst
+
+
+def _resembles_drift(fit: Fit, term: Term) -> float:
+    """Share of a term's torque that a drift of few recordings has: it follows time, and has a level."""
+    if term.effect.is_in_every_drive or term.effect.spread:
+        return 0.0
+    slow = term.effect.is_thermal or (term.effect.empirical and term.follows_time)
+    return 1.0 if slow else fit.find_level(term)
 
 
 def _poses_as_balancer(model: Model, term: Term) -> bool:
