@@ -153,7 +153,7 @@ def test_another_zero_of_the_last_joint_is_told_with_its_rival(tmp_path):
     assert [one for one, _ in said] == ["q_j2", "q_j3"]
     assert [float(one) for _, one in said] == pytest.approx([-0.8, np.pi], abs=0.04)
     (told,) = [line for line in bench.accept("--shift", f"q_j2={said[0][1]}") if "another zero" in line]
-    assert told.startswith("perhaps q_j3") and "do not tell from it: payload" in told
+    assert told.startswith("perhaps q_j3") and "do not tell it from payload" in told
 
 
 def test_positions_of_another_zero_are_told_and_taken(tmp_path):

@@ -76,7 +76,7 @@ def test_another_zero_of_a_single_joint_is_told_with_the_balancer_that_explains_
     (told,) = [note for note in bench.accept() if note.startswith("perhaps")]
     found = re.search(r"shifted: {q_j1: (\S+)}", told)
     assert found is not None and float(found[1]) == pytest.approx(1.0, abs=0.03)
-    assert "which these motions do not tell from it: balancer at j1" in told
+    assert "these motions do not tell it from balancer at j1" in told
 
 
 def test_a_fault_of_all_columns_is_told_though_one_torque_holds_what_no_reading_explains(tmp_path):

@@ -33,8 +33,8 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     if found.is_answer:
         # Where the stated reading needs a larger machine, this one may as well be there.
         more = sorted(found.stated.terms - model.terms)
-        rival = ", ".join(f"{name} at {names[j]}" if j >= 0 else name for name, j in more)
-        also = f"; or, which these motions do not tell from it: {rival}." if rival else "."
+        rival = " or ".join(f"{name} at {names[j]}" if j >= 0 else name for name, j in more)
+        also = f"; these motions do not tell it from {rival}." if rival else "."
         prepared.notes += [f"perhaps {told.rstrip('.')}{also}" for told, _ in refused]
     elif found.best.over(found.stated) > NOTE:
         left = f"it leaves up to {100 * np.sqrt(model.held.max()):.0f} % of a torque (RMS)"
