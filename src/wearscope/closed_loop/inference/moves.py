@@ -18,7 +18,7 @@ from wearscope.closed_loop.model.terms import make_candidate
 
 #: Number of offers scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
-#: Pairs of a joint's offers that are scored: those that gain most together on the rows they are fitted on.
+#: Pairs of a joint's offers that are scored: those that hide each other most.
 _PAIRS = 6
 #: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
@@ -153,7 +153,8 @@ class Moves:
         """A model with two more terms at a joint that hide each other, where that is more probable."""
         best, most = None, 2.0 * SURELY
         for joint in range(model.problem.prepared.n):
-            for one, two in rank_pairs(model, self.list_every_offer(model, [joint]))[:_PAIRS]:
+            offers = [o for o in self.list_every_offer(model, [joint]) if not o.refusal]
+            for one, two in rank_pairs(model, offers)[:_PAIRS]:
                 made = model.extend(one).extend(two)
                 if not self.is_new(made):
                     continue

@@ -157,9 +157,9 @@ def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> 
 
 
 def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]:
-    """Pairs of offers of different effects, by what they gain together on all rows; the largest comes first.
+    """Pairs of offers of different effects that hide each other; those that hide most come first.
 
-    Two terms that hide each other gain little alone, and alone may have sizes that are not believed.
+    Two terms hide each other where they gain more together, on all rows, than the sum of their gains alone.
     """
     terms = [o.term for o in offers]
     inner, reduced, spans = model.fit.project(terms)
@@ -176,9 +176,11 @@ def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]
     k, j = np.array(pairs).T
     own = np.concatenate([places[0][k], places[1][j]], axis=1)
     beta = np.linalg.solve(every[own[:, :, None], own[:, None]], score[own][..., None])[..., 0]
-    sizes = np.array([len(t.subset) for t in terms])
-    order = np.argsort(-(score[own] * beta).sum(axis=1) / np.sqrt(sizes[k] + sizes[j]), kind="stable")
-    return [(terms[k], terms[j]) for k, j in (pairs[o] for o in order)]
+    alone, sizes = (np.array(x) for x in zip(*[(o.gain, len(o.term.subset)) for o in offers], strict=True))
+    more = ((score[own] * beta).sum(axis=1) - alone[k] - alone[j]) / np.sqrt(sizes[k] + sizes[j])
+    return [
+        (terms[pairs[o][0]], terms[pairs[o][1]]) for o in np.argsort(-more, kind="stable") if more[o] > 0.0
+    ]
 
 
 def is_believable(model: Model, term: Term) -> bool:
