@@ -40,7 +40,7 @@ class Gram:
         self._totals: WeakKeyDictionary[Candidate, WeakKeyDictionary] = WeakKeyDictionary()
         self._own: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
         self._scores: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
-        self._levels: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
+        self._sums: WeakKeyDictionary[Candidate, dict] = WeakKeyDictionary()
 
     @cached_property
     def power(self) -> np.ndarray:
@@ -98,9 +98,9 @@ class Gram:
             kept[joint] = self._multiply(joint, rows, self.target[:, joint, None])[..., 0]
         return np.asarray(kept[joint])
 
-    def level(self, a: Candidate, joint: int) -> np.ndarray:
-        """Sums (k_a,) of a candidate's columns."""
-        kept = self._levels.setdefault(a, {})
+    def column_sums(self, a: Candidate, joint: int) -> np.ndarray:
+        """Sums (k_a,) of a candidate's columns over the rows of a joint that count."""
+        kept = self._sums.setdefault(a, {})
         if joint not in kept:
             kept[joint] = self.layout.keep[:, joint].astype(float) @ a.rows[a.joints.index(joint)]
         return np.asarray(kept[joint])
@@ -255,7 +255,7 @@ class Fit:
         beta = self.coefficients(term)
         total = self.gram.total(term.candidate, term.candidate, term.joint)
         square = float(beta @ total[np.ix_(term.columns, term.columns)] @ beta)
-        mean = float(self.gram.level(term.candidate, term.joint)[term.columns] @ beta)
+        mean = float(self.gram.column_sums(term.candidate, term.joint)[term.columns] @ beta)
         return mean**2 / max(square * float(self.gram.count[term.joint]), 1e-300)
 
     def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -363,27 +363,32 @@ class Fit:
         """Further terms' normal matrix (K, K), with the model projected out, right side (K,) and places."""
         edges = np.cumsum([0, *(len(t.subset) for t in terms)]).tolist()
         spans = [slice(a, b) for a, b in pairwise(edges)]
-        inner, score = np.zeros((edges[-1], edges[-1])), np.zeros(edges[-1])
-        cross = np.zeros((edges[-1], self.p))
+        inner = np.zeros((edges[-1], edges[-1]))
         for j, weight in enumerate(self.weight):
             felt = [(t, s) for t, s in zip(terms, spans, strict=True) if j in t.candidate.joints]
-            if not felt:
-                continue
-            at = np.concatenate([np.r_[s] for _, s in felt])
-            x = np.concatenate([t.at_joint(j) for t, _ in felt], axis=1)
-            inner[np.ix_(at, at)] += weight * (x.T @ (x * self.gram.layout.keep[:, j, None]))
-            for term, span in felt:
-                score[span] += weight * self.gram.score(term.candidate, j).sum(axis=0)[term.columns]
-                for k, place in ((k, self.spans[k]) for k in self._felt[j]):
-                    total = self.gram.total(term.candidate, self.terms[k].candidate, j)
-                    cross[span, place] += weight * total[np.ix_(term.columns, self.terms[k].columns)]
-        power = np.diag(inner).copy()
+            if felt:
+                at = np.concatenate([np.r_[s] for _, s in felt])
+                x = np.concatenate([t.at_joint(j) for t, _ in felt], axis=1)
+                inner[np.ix_(at, at)] += weight * (x.T @ (x * self.gram.layout.keep[:, j, None]))
+        inner[np.diag_indices_from(inner)] += ROUNDING * np.diag(inner) + 1e-300
+        cross, score = np.zeros((edges[-1], self.p)), np.zeros(edges[-1])
         for term, span in zip(terms, spans, strict=True):
+            cross[span], score[span] = (x[term.columns] for x in self._multiply(term.candidate))
             if term.candidate.penalty is not None:
                 inner[span, span] += term.penalty / self._scale_of(term.candidate)
-        inner -= cross @ self.solved[0][0] @ cross.T
-        inner[np.diag_indices_from(inner)] += ROUNDING * power + 1e-300
-        return inner, score - cross @ self.theta, spans
+        return inner - cross @ self.solved[0][0] @ cross.T, score - cross @ self.theta, spans
+
+    def _multiply(self, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
+        """Products of a candidate's columns with the model's (k_a, P) and with the target (k_a,), weighed."""
+        columns = len(candidate.shapes) * candidate.count
+        cross, score = np.zeros((columns, self.p)), np.zeros(columns)
+        for j in candidate.joints:
+            score += self.weight[j] * self.gram.score(candidate, j).sum(axis=0)
+            if self._felt[j]:
+                terms = [self.terms[k] for k in self._felt[j]]
+                both = [self.gram.total(candidate, t.candidate, j)[:, t.columns] for t in terms]
+                cross[:, self.at[j]] += self.weight[j] * np.concatenate(both, axis=1)
+        return cross, score
 
     def add(self, candidate: Candidate, subset: Sequence[int]) -> "Added":
         """What each shape of a candidate adds to the fit on all rows (Frisch, Waugh and Lovell).
@@ -396,17 +401,10 @@ class Fit:
         """
         shapes, m = len(candidate.shapes), candidate.count
         pick = list(subset)
-        cross = np.zeros((shapes, len(pick), self.p))
+        cross, score = (x.reshape(shapes, m, *x.shape[1:])[:, pick] for x in self._multiply(candidate))
         own = np.zeros((shapes, len(pick), len(pick)))
-        score = np.zeros((shapes, len(pick)))
-        for j in (j for j in candidate.joints if self._felt[j]):
-            terms = [self.terms[k] for k in self._felt[j]]
-            both = [self.gram.total(candidate, t.candidate, j)[:, t.columns] for t in terms]
-            stacked = np.concatenate(both, axis=1).reshape(shapes, m, -1)
-            cross[:, :, self.at[j]] += self.weight[j] * stacked[:, pick]
         for j in candidate.joints:
             own += self.weight[j] * self.gram.own(candidate, j).sum(axis=0)[:, pick][..., pick]
-            score += self.weight[j] * self.gram.score(candidate, j).sum(axis=0).reshape(shapes, m)[:, pick]
         power = np.einsum("smm->sm", own)
         if candidate.penalty is not None:
             own = own + candidate.penalty[np.ix_(pick, pick)] / self._scale_of(candidate)
