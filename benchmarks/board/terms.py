@@ -41,19 +41,25 @@ class Signals:
 class Term:
     """An additive effect on joint `joint` (index): torque = amplitude x shape(signals).
 
-    `parameters(amplitude)` gives the planted parameters as ``name: (value, unit)``; `form` names the
-    formula in words; `sign` is the amplitude's.
+    `form` names the formula in words; `parameters(amplitude)` gives the planted parameters as ``name: (value,
+    unit)``; `sign` is the amplitude's.
     """
 
     joint: int
     shape: Callable[[Signals], Array]
-    parameters: Callable[[float], dict[str, tuple[float, str]]]
     form: str
-    extra: dict[str, object] = field(default_factory=dict)
+    parameters: Callable[[float], dict[str, tuple[float, str]]] = lambda amplitude: {}
     sign: float = 1.0
+    extra: dict[str, object] = field(default_factory=dict)
 
 
 Builder = Callable[[Machine, int, np.random.Generator], Term]
+NAMED: dict[str, Builder] = {}
+
+
+def named(builder: Builder) -> Builder:
+    """Enters a builder by its name."""
+    return NAMED.setdefault(builder.__name__, builder)
 
 
 def _units(m: Machine, j: int) -> tuple[str, str]:
@@ -64,95 +70,84 @@ def _toss(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
+@named
 def stribeck(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Extra friction near zero speed: Gaussian (exponent 2) or Hess-Soom (rational) decay."""
     width = float(rng.uniform(0.05, 0.12)) * m.speed[j]
     tau, pos = _units(m, j)
+
+    def parameters(x: float) -> dict[str, tuple[float, str]]:
+        return {"level": (x, tau), "speed": (width, f"{pos}/s")}
+
     if rng.uniform() < 0.5:
         form = "exp(-(v/vs)^2) sign(v)"
-
-        def shape(s: Signals) -> Array:
-            return np.exp(-((s.v[:, j] / width) ** 2)) * s.sign(j)
-    else:
-        form = "sign(v) / (1 + (v/vs)^2)"
-
-        def shape(s: Signals) -> Array:
-            return s.sign(j) / (1 + (s.v[:, j] / width) ** 2)
-
-    return Term(j, shape, lambda x: {"level": (x, tau), "speed": (width, f"{pos}/s")}, form)
+        return Term(j, lambda s: np.exp(-((s.v[:, j] / width) ** 2)) * s.sign(j), form, parameters)
+    form = "sign(v) / (1 + (v/vs)^2)"
+    return Term(j, lambda s: s.sign(j) / (1 + (s.v[:, j] / width) ** 2), form, parameters)
 
 
+@named
 def coulomb_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb level higher by `amplitude` forwards and lower by it backwards; nothing at rest."""
+    tau, _ = _units(m, j)
     return Term(
-        j,
-        lambda s: s.sign(j) ** 2,
-        lambda x: {"half_difference": (x, m.torque_unit(j))},
-        "tanh(v/w)^2",
-        sign=_toss(rng),
+        j, lambda s: s.sign(j) ** 2, "tanh(v/w)^2", lambda x: {"half_difference": (x, tau)}, _toss(rng)
     )
 
 
+@named
 def viscous_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous slope higher forwards and lower backwards by `amplitude`."""
     tau, pos = _units(m, j)
-    return Term(
-        j,
-        lambda s: s.v[:, j] * s.sign(j),
-        lambda x: {"half_difference": (x, f"{tau} s/{pos}")},
-        "v tanh(v/w)",
-        sign=_toss(rng),
-    )
+
+    def parameters(x: float) -> dict[str, tuple[float, str]]:
+        return {"half_difference": (x, f"{tau} s/{pos}")}
+
+    return Term(j, lambda s: s.v[:, j] * s.sign(j), "v tanh(v/w)", parameters, _toss(rng))
 
 
+@named
 def quadratic_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
-    """Churning loss: v sqrt(v^2 + c^2)."""
+    """Churning loss."""
     tau, pos = _units(m, j)
     knee = float(rng.uniform(0.02, 0.1)) * m.speed[j]
-    return Term(
-        j,
-        lambda s: s.v[:, j] * np.sqrt(s.v[:, j] ** 2 + knee**2),
-        lambda x: {"slope": (x, f"{tau} s^2/{pos}^2")},
-        "v sqrt(v^2 + c^2)",
-    )
+
+    def shape(s: Signals) -> Array:
+        return s.v[:, j] * np.sqrt(s.v[:, j] ** 2 + knee**2)
+
+    return Term(j, shape, "v sqrt(v^2 + c^2)", lambda x: {"slope": (x, f"{tau} s^2/{pos}^2")})
 
 
+@named
 def concave_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
-    """Shear-thinning grease: log(1 + |v|/v0) or a power of a softened speed."""
+    """Shear-thinning grease: a logarithm, or a power of a softened speed."""
     tau, _ = _units(m, j)
     v0 = float(rng.uniform(0.02, 0.06)) * m.speed[j]
     if rng.uniform() < 0.5:
+        form = "log(1 + |v|/v0) sign(v)"
         return Term(
-            j,
-            lambda s: np.log1p(np.abs(s.v[:, j]) / v0) * s.sign(j),
-            lambda x: {"level": (x, tau)},
-            "log(1 + |v|/v0) sign(v)",
+            j, lambda s: np.log1p(np.abs(s.v[:, j]) / v0) * s.sign(j), form, lambda x: {"level": (x, tau)}
         )
     power = float(rng.uniform(0.3, 0.55))
-    return Term(
-        j,
-        lambda s: ((s.v[:, j] ** 2 + v0**2) ** (power / 2) - v0**power) * s.sign(j),
-        lambda x: {"power": (power, "1")},
-        "((v^2 + v0^2)^(p/2) - v0^p) sign(v)",
-    )
-
-
-def load_dependent_friction(m: Machine, j: int, rng: np.random.Generator) -> Term:
-    """Friction growing with the transmitted torque: mu (sqrt(load^2 + l0^2) - l0)."""
-    soft = 0.02
 
     def shape(s: Signals) -> Array:
-        scale = soft * np.abs(s.load[:, j]).max()
+        return ((s.v[:, j] ** 2 + v0**2) ** (power / 2) - v0**power) * s.sign(j)
+
+    return Term(j, shape, "((v^2 + v0^2)^(p/2) - v0^p) sign(v)", lambda x: {"power": (power, "1")})
+
+
+@named
+def load_dependent_friction(m: Machine, j: int, rng: np.random.Generator) -> Term:
+    """Friction growing with the transmitted torque."""
+
+    def shape(s: Signals) -> Array:
+        scale = 0.02 * np.abs(s.load[:, j]).max()
         return (np.sqrt(s.load[:, j] ** 2 + scale**2) - scale) * s.sign(j)
 
-    return Term(
-        j,
-        shape,
-        lambda x: {"coefficient": (x, "1")},
-        "mu (sqrt(load^2 + l0^2) - l0) sign(v)",
-    )
+    return Term(j, shape, "mu (sqrt(load^2 + l0^2) - l0) sign(v)", lambda x: {"coefficient": (x, "1")})
 
 
+@named
 def temperature_dependent_friction(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous (mainly) and Coulomb friction falling exponentially with temperature."""
     decay = float(rng.uniform(16.0, 24.0))
@@ -162,14 +157,11 @@ def temperature_dependent_friction(m: Machine, j: int, rng: np.random.Generator)
         fall = np.exp(-(s.temperature[:, j] - 35.0) / decay) - 1.0
         return fall * ((1 - mix) * s.v[:, j] / s.reference_speed[j] + mix * s.sign(j))
 
-    return Term(
-        j,
-        shape,
-        lambda x: {"decay": (decay, "K")},
-        "(exp(-(T - 35)/T1) - 1) ((1 - m) v/vmax + m sign(v))",
-    )
+    form = "(exp(-(T - 35)/T1) - 1) ((1 - m) v/vmax + m sign(v))"
+    return Term(j, shape, form, lambda x: {"decay": (decay, "K")})
 
 
+@named
 def warm_up_drift(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Friction falling hyperbolically with time since the start of the run, temperature unmeasured."""
     share = float(rng.uniform(0.15, 0.35))
@@ -179,9 +171,10 @@ def warm_up_drift(m: Machine, j: int, rng: np.random.Generator) -> Term:
         fall = 1.0 / (1.0 + (s.t - s.t[0]) / (share * (s.t[-1] - s.t[0]))) ** 2
         return fall * ((1 - mix) * s.v[:, j] / s.reference_speed[j] + mix * s.sign(j))
 
-    return Term(j, shape, lambda x: {}, "(1 + t/t1)^-2 ((1 - m) v/vmax + m sign(v))")
+    return Term(j, shape, "(1 + t/t1)^-2 ((1 - m) v/vmax + m sign(v))")
 
 
+@named
 def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Maxwell slip: three stick-slip springs in parallel, breaking loose one after another."""
     tau, pos = _units(m, j)
@@ -193,12 +186,7 @@ def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
             total += weight * slip_spring(s.q[:, j], limit)
         return total
 
-    return Term(
-        j,
-        shape,
-        lambda x: {"level": (x, tau), "slip": (slip, pos)},
-        "three Maxwell-slip elements",
-    )
+    return Term(j, shape, "three Maxwell-slip elements", lambda x: {"level": (x, tau), "slip": (slip, pos)})
 
 
 def slip_spring(q: Array, limit: float) -> Array:
@@ -216,38 +204,38 @@ def _slip(steps: Array, limit: float) -> Array:
     return out
 
 
+@named
 def torque_ripple(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Ripple periodic in position, with a second harmonic."""
     tau, pos = _units(m, j)
-    low, high = (2 * np.pi / 0.02, 2 * np.pi / 0.008) if m.prismatic[j] else (9.0, 40.0)
-    order = m.gear_ratio[j] if m.prismatic[j] else float(rng.integers(int(low), int(high)))
+    order = m.gear_ratio[j] if m.prismatic[j] else float(rng.integers(9, 40))
     phase, phase2 = rng.uniform(0, 2 * np.pi, 2)
-    return Term(
-        j,
-        lambda s: np.sin(order * s.q[:, j] + phase) + 0.25 * np.sin(2 * order * s.q[:, j] + phase2),
-        lambda x: {"amplitude": (x, tau), "order": (order, f"1/{pos}" if m.prismatic[j] else "1")},
-        "sin(k q + p1) + 0.25 sin(2 k q + p2)",
-    )
+    unit = f"1/{pos}" if m.prismatic[j] else "1"
+
+    def shape(s: Signals) -> Array:
+        return np.sin(order * s.q[:, j] + phase) + 0.25 * np.sin(2 * order * s.q[:, j] + phase2)
+
+    form = "sin(k q + p1) + 0.25 sin(2 k q + p2)"
+    return Term(j, shape, form, lambda x: {"amplitude": (x, tau), "order": (order, unit)})
 
 
+@named
 def joint_spring(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Hose package: a spring about a rest position, stiffening slightly away from it."""
     tau, pos = _units(m, j)
     rest = m.centre[j] + float(rng.uniform(-0.5, 0.5)) * m.reach[j]
-    harden = 0.06
 
     def shape(s: Signals) -> Array:
         x = s.q[:, j] - rest
-        return x * (1 + harden * (x / m.reach[j]) ** 2)
+        return x * (1 + 0.06 * (x / m.reach[j]) ** 2)
 
-    return Term(
-        j,
-        shape,
-        lambda x: {"stiffness": (x, f"{tau}/{pos}"), "rest": (rest, pos)},
-        "k x (1 + 0.06 (x/reach)^2), x = q - q0",
-    )
+    def parameters(x: float) -> dict[str, tuple[float, str]]:
+        return {"stiffness": (x, f"{tau}/{pos}"), "rest": (rest, pos)}
+
+    return Term(j, shape, "k x (1 + 0.06 (x/reach)^2), x = q - q0", parameters)
 
 
+@named
 def gravity_counterbalance(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """A balancer between a fixed and a turning pin: coil spring, or gas spring with polytropic pressure."""
     span, arm = float(rng.uniform(0.6, 0.9)), float(rng.uniform(0.18, 0.28))
@@ -263,21 +251,18 @@ def gravity_counterbalance(m: Machine, j: int, rng: np.random.Generator) -> Term
         force = (1 - 0.35 * stroke) ** -1.25 if gas else 0.35 + 1.1 * stroke
         return -force * lever
 
-    return Term(
-        j,
-        shape,
-        lambda x: {},
-        "gas spring" if gas else "coil spring",
-        {"span": span, "arm": arm, "tilt": tilt},
-    )
+    pins: dict[str, object] = {"span": span, "arm": arm, "tilt": tilt}
+    return Term(j, shape, "gas spring" if gas else "coil spring", extra=pins)
 
 
+@named
 def rotor_inertia_error(m: Machine, j: int, rng: np.random.Generator) -> Term:
-    """J a beyond what the declared model has."""
+    """Rotor inertia beyond what the declared model has."""
     unit = "kg" if m.prismatic[j] else "kg m^2"
-    return Term(j, lambda s: s.a[:, j], lambda x: {"inertia": (x, unit)}, "J a")
+    return Term(j, lambda s: s.a[:, j], "J a", lambda x: {"inertia": (x, unit)})
 
 
+@named
 def cross_coupling(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Friction of joint j driven by a neighbour's motion, as geared wrists have it."""
     source = j - 1 if j > 0 else 1
@@ -287,60 +272,33 @@ def cross_coupling(m: Machine, j: int, rng: np.random.Generator) -> Term:
         other = s.v[:, source]
         return mix * np.tanh(other / s.grain[source]) + (1 - mix) * other / s.reference_speed[source]
 
-    return Term(
-        j,
-        shape,
-        lambda x: {},
-        "m sign(v_k) + (1 - m) v_k/vmax_k",
-        {"source": m.joints[source]},
-        _toss(rng),
-    )
+    extra: dict[str, object] = {"source": m.joints[source]}
+    return Term(j, shape, "m sign(v_k) + (1 - m) v_k/vmax_k", sign=_toss(rng), extra=extra)
 
 
+@named
 def torque_offset(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """A constant."""
-    return Term(
-        j,
-        lambda s: np.ones(len(s.t)),
-        lambda x: {"offset": (x, m.torque_unit(j))},
-        "constant",
-        sign=_toss(rng),
-    )
+    tau, _ = _units(m, j)
+    return Term(j, lambda s: np.ones(len(s.t)), "constant", lambda x: {"offset": (x, tau)}, _toss(rng))
 
 
+@named
 def coulomb(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb friction that the model does not have at all."""
-    return Term(
-        j,
-        lambda s: s.v[:, j] / np.sqrt(s.v[:, j] ** 2 + s.grain[j] ** 2),
-        lambda x: {"level": (x, m.torque_unit(j))},
-        "v / sqrt(v^2 + w^2)",
-    )
+    tau, _ = _units(m, j)
+
+    def shape(s: Signals) -> Array:
+        return s.v[:, j] / np.sqrt(s.v[:, j] ** 2 + s.grain[j] ** 2)
+
+    return Term(j, shape, "v / sqrt(v^2 + w^2)", lambda x: {"level": (x, tau)})
 
 
+@named
 def viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous friction that the model does not have at all."""
     tau, pos = _units(m, j)
-    return Term(j, lambda s: s.v[:, j], lambda x: {"slope": (x, f"{tau} s/{pos}")}, "Fv v")
+    return Term(j, lambda s: s.v[:, j], "Fv v", lambda x: {"slope": (x, f"{tau} s/{pos}")})
 
 
-NAMED: dict[str, Builder] = {
-    "stribeck": stribeck,
-    "coulomb_asymmetry": coulomb_asymmetry,
-    "viscous_asymmetry": viscous_asymmetry,
-    "quadratic_viscous": quadratic_viscous,
-    "concave_viscous": concave_viscous,
-    "load_dependent_friction": load_dependent_friction,
-    "temperature_dependent_friction": temperature_dependent_friction,
-    "warm_up_drift": warm_up_drift,
-    "presliding_hysteresis": presliding_hysteresis,
-    "torque_ripple": torque_ripple,
-    "joint_spring": joint_spring,
-    "gravity_counterbalance": gravity_counterbalance,
-    "rotor_inertia": rotor_inertia_error,
-    "rotor_inertia_error": rotor_inertia_error,
-    "cross_coupling": cross_coupling,
-    "torque_offset": torque_offset,
-    "coulomb": coulomb,
-    "viscous": viscous,
-}
+NAMED["rotor_inertia"] = rotor_inertia_error
