@@ -6,8 +6,8 @@ from folders import fit_problem
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.answer import find_terms
+from wearscope.closed_loop.inference.laws import refine_reversals
 from wearscope.closed_loop.inference.policy import Policy
-from wearscope.closed_loop.inference.reversal import refine_reversals
 from wearscope.closed_loop.intake.direction import Reversals, soften_direction, vary_direction
 from wearscope.closed_loop.model.estimation import estimate, estimate_jointly
 

@@ -1,36 +1,38 @@
-"""Friction laws with the reversal that suits each: a law's low end and a wide reversal look alike.
+"""A joint's laws of friction, fitted with its reversal: a law's low end and a wide reversal look alike.
 
-The width of a reversal is a shape of its joint's law of friction. Fitted with a model that lacks a law, one
-that rises smoothly from rest makes the reversal wide, and another law would be named for what that leaves. So
-each law is offered with the width that fits best with it.
+The rough model's width is that of a poorer model. With the terms that the search has found, the width is
+fitted again and its form is chosen. A law that rises smoothly from rest makes the reversal wide where the
+model lacks it, and another law would be named for what that leaves. So each law is offered with the width
+that fits best with it. All of these fits are one: variable projection (Golub and Pereyra 1973).
 """
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.inference.gram import Fit
-from wearscope.closed_loop.inference.reversal import (
-    DIFFERENCE,
-    LEAST,
-    STARTS,
-    WIDEST,
-    find_top,
-    list_own,
-    reduce_term,
-    take_rest,
-)
+from wearscope.closed_loop.inference.reversal import REVERSAL, WIDEST, find_top
 from wearscope.closed_loop.inference.term import Term
-from wearscope.closed_loop.intake.direction import Reversals
+from wearscope.closed_loop.intake.direction import FORMS, Reversals
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.rough_model import fit_bounded
 from wearscope.closed_loop.intake.threads import map_runs
 from wearscope.closed_loop.model.terms import reduce_columns
-from wearscope.effects.base import Effect
+from wearscope.effects.base import Effect, MeasurementEffect, RigidBodyEffect
 
 #: Signals of a law.
 _OWN_SPEED = {"qd_{joint}", "sign_qd_{joint}"}
+#: Least and largest width, and those that a fit may start from, over the joint's largest speed.
+_LEAST, _LARGEST, _STARTS = 1e-4, 0.3, (0.001, 0.004, 0.015, 0.05)
+#: Residual variances by which another start or form must do better; share of the loss that a width must
+#: remove where the rough model found an instant reversal.
+_CLEARLY, _AT_ONCE = 9.0, 0.2
+#: A law that starts with more than this multiple of the present law's sum of squares is not fitted further.
+_HOPELESS = 4.0
+#: Largest number of steps of a fit, and the share of the sum of squares below which a step ends it.
+_STEPS, _NEAR = 12, 1e-3
 
 
 def is_law(effect: Effect) -> bool:
@@ -38,11 +40,38 @@ def is_law(effect: Effect) -> bool:
     return not effect.standard and not effect.empirical and set(effect.depends_on) <= _OWN_SPEED
 
 
-#: A law that starts with more than this multiple of the present law's sum of squares is not fitted further.
-_HOPELESS = 4.0
-#: Largest number of steps of the fit; the fit ends with a step that gains less than this share of the sum of
-#: squares.
-_STEPS, _NEAR = 12, 1e-3
+def refine_reversals(prepared: Prepared, model: Fit, forms: bool = True) -> Reversals:
+    """How each joint's friction reverses where a model fits the training runs best.
+
+    The width is fitted in the present form first, then in the others.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    model : Fit
+        The model.
+    forms : bool
+        Whether other forms are tried: one can pass for what the model lacks yet.
+
+    Returns
+    -------
+    Reversals
+        Unchanged where nothing in the model changes its sign with the motion; a reversal at once stays one
+        unless a width does clearly better, and a form stays unless another one does.
+    """
+    best = prepared.reversals
+    for joint in np.flatnonzero(prepared.moving).tolist():
+        fit = _JointFit(prepared, model, joint)
+        if not fit.own:
+            continue
+        found, least = fit.refine(prepared.reversals)
+        first = found
+        for step in range(1, len(FORMS) if forms and first.width[joint] > 0.0 else 1):
+            other, loss = fit.refine(first.change_form(step), starts=())
+            if loss < least - fit.clearly(least):
+                found, least = other, loss
+        best = found.where(fit.only, best)
+    return best
 
 
 def fit_law(
@@ -52,8 +81,7 @@ def fit_law(
     """Shape of a friction law in the place of a term, and the reversal that fits best with it.
 
     The fit starts from the best of the shapes and of some widths. It stays within the range of the shapes'
-    positive numbers and below the largest width that drives have (variable projection, Golub and Pereyra
-    1973).
+    positive numbers and below the largest width that drives have.
 
     Parameters
     ----------
@@ -72,59 +100,145 @@ def fit_law(
     (ndarray (k,), Reversals) or None
         Nothing where it is far from what the model leaves, wherever it starts.
     """
-    fit = _LawFit(prepared, model, joint, own, effect)
-    today = prepared.reversals
-    top = float(find_top(prepared)[joint])
-    widths = [share * top for share in STARTS]
-    tried = [(float(e @ e), width, s) for width in widths for s, e in enumerate(fit.leave(width, shapes))]
-    least, width, s = min(tried)
-    if least > _HOPELESS * fit.present:
+    present = _square(_JointFit(prepared, model, joint).leave(prepared.reversals)[0])
+    fit = _JointFit(prepared, model, joint, effect, own)
+    tried = [
+        (_square(e), fit.make(share), s)
+        for share in _STARTS
+        for s, e in enumerate(fit.leave(fit.make(share), shapes))
+    ]
+    least, start, s = min(tried, key=lambda one: one[0])
+    if least > _HOPELESS * present:
         return None
     free = np.flatnonzero((np.ptp(shapes, axis=0) > 0.0) & (shapes.min(axis=0) > 0.0))
-    shape = np.array(shapes[s], dtype=float)
-
-    def leave(z: np.ndarray) -> np.ndarray:
-        shape[free] = np.exp(z[1:])
-        return fit.leave(float(np.exp(z[0])), shape[None])[0]
-
-    low = np.log([LEAST * top, *shapes[:, free].min(axis=0)])
-    high = np.log([WIDEST * top, *shapes[:, free].max(axis=0)])
-    start = np.clip(np.log([width, *shape[free]]), low + 1e-3, high - 1e-3)
-    found = optimize.least_squares(
-        leave, start, bounds=(low, high), diff_step=DIFFERENCE, max_nfev=_STEPS, ftol=_NEAR
-    )
-    shape[free] = np.exp(found.x[1:])
-    return shape, Reversals(np.where(fit.only, np.exp(found.x[0]), today.width), today.form)
+    bounds = [(low, high) for low, high in zip(shapes.min(axis=0), shapes.max(axis=0), strict=True)]
+    reversals, shape, _ = fit.descend(start, WIDEST, shapes[s], [(int(k), *bounds[k]) for k in free])
+    return shape, reversals
 
 
-class _LawFit:
-    """Least squares of a joint's torque on its own plain terms and a law, with a reversal of any width."""
+class _JointFit:
+    """Least squares of a joint's torque on its own terms along a reversal of any width and form.
 
-    def __init__(self, prepared: Prepared, model: Fit, joint: int, own: Term | None, effect: Effect) -> None:
-        self.prepared, self.effect, self.joint = prepared, effect, joint
-        mine = list_own(model.terms, self.joint)
-        self.target, self.keep = take_rest(model, self.joint, mine)
-        replaced = None if own is None else own.candidate
-        self.kept = [model.terms[k] for k in mine if model.terms[k].candidate is not replaced]
-        self.only = np.arange(prepared.n) == self.joint
-        bounded = [c.candidate.effect.coefficients[k] for c in self.kept for k in c.subset]
-        self.low = np.array([p.lower for p in (*bounded, *effect.coefficients)])
-        every = [model.terms[k].at_joint(joint)[self.keep] for k in mine]
-        unbounded = np.full(sum(x.shape[1] for x in every), -np.inf)
-        left = _leave_bounded(np.column_stack(every), self.target, unbounded)
-        self.present = float(left @ left)
+    The terms felt at other joints and the errors of the recording stay fixed.
 
-    def leave(self, width: float, shapes: np.ndarray) -> list[np.ndarray]:
-        """Torque (K,) that is left with each shape, no coefficient below its bound."""
+    Parameters
+    ----------
+    prepared : Prepared
+    model : Fit
+    joint : int
+    law : Effect, optional
+        Fitted with the joint's terms; no coefficient is then below its bound.
+    instead : Term, optional
+        The joint's term in whose place the law stands.
+    """
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        model: Fit,
+        joint: int,
+        law: Effect | None = None,
+        instead: Term | None = None,
+    ) -> None:
+        self.prepared, self.joint, self.law = prepared, joint, law
+        self.only, self.top = np.arange(prepared.n) == joint, float(find_top(prepared)[joint])
+        mine = [k for k, term in enumerate(model.terms) if _is_own(term, joint)]
+        # The reversal's error is left out: the width and form that are fitted take its place.
+        ends = [k for k, term in enumerate(model.terms) if _is_reversal(term, joint)]
+        fitted = [c for k in (*mine, *ends) for c in range(model.spans[k].start, model.spans[k].stop)]
+        held = np.isin(model.at[joint], fitted, invert=True)
+        theta = model.theta[model.at[joint][held]]
+        self.keep = model.gram.layout.keep[:, joint]
+        self.target = (model.gram.target[:, joint] - model.columns(joint)[:, held] @ theta)[self.keep]
+        replaced = None if instead is None else instead.candidate
+        self.own = [model.terms[k] for k in mine if model.terms[k].candidate is not replaced]
+        coefficients = [t.candidate.effect.coefficients[c] for t in self.own for c in t.subset]
+        self.low = np.full(len(coefficients), -np.inf)
+        if law is not None:
+            self.low = np.array([p.lower for p in (*coefficients, *law.coefficients)])
+
+    def make(self, share: float) -> Reversals:
+        """The present reversals with another width at the joint, over its largest speed."""
         today = self.prepared.reversals
-        changed = Reversals(np.where(self.only, width, today.width), today.form)
-        runs = self.prepared.try_reversals(changed, self.joint)
-        kept = [reduce_term(c, runs)[self.keep] for c in self.kept]
-        law = np.concatenate(map_runs(partial(reduce_columns, self.effect, self.joint, shapes), runs))
+        return Reversals(np.where(self.only, share * self.top, today.width), today.form)
+
+    def clearly(self, loss: float) -> float:
+        """What another start or form must gain."""
+        return _CLEARLY * loss / max(len(self.target), 1)
+
+    def leave(self, reversals: Reversals, shapes: np.ndarray | None = None) -> list[np.ndarray]:
+        """Torque (K,) that is left along reversals, with each shape of the law."""
+        now = not reversals.differ(self.prepared.reversals).any()
+        runs = self.prepared.runs_for("train") if now else self.prepared.try_reversals(reversals, self.joint)
+        kept = [self._reduce(term, runs)[self.keep] for term in self.own]
+        if self.law is None or shapes is None:
+            return [_leave(np.column_stack(kept), self.target, self.low)]
+        law = np.concatenate(map_runs(partial(reduce_columns, self.law, self.joint, shapes), runs))
         each = np.split(law[self.keep], len(shapes), axis=1)
-        return [_leave_bounded(np.column_stack([*kept, x]), self.target, self.low) for x in each]
+        return [_leave(np.column_stack([*kept, x]), self.target, self.low) for x in each]
+
+    def _reduce(self, term: Term, runs: list) -> np.ndarray:
+        """Columns (M, m) of a term along runs in which only the joint's direction of motion has changed."""
+        if not term.follows_direction:
+            return term.at_joint(self.joint)
+        shape = np.array(term.model_term.shape)[None]
+        parts = map_runs(partial(reduce_columns, term.candidate.effect, self.joint, shape), runs)
+        return np.concatenate(parts)[:, list(term.subset)]
+
+    def refine(self, present: Reversals, starts: Sequence[float] = _STARTS) -> tuple[Reversals, float]:
+        """The width that fits best in the present form, from the present width or a better start."""
+        least = _square(self.leave(present)[0])
+        wide = present.width[self.joint] > 0.0
+        asked = least - self.clearly(least) if wide else (1.0 - _AT_ONCE) * least
+        tried = [(_square(self.leave(self.make(share))[0]), self.make(share)) for share in starts]
+        loss, start = min(tried, key=lambda one: one[0], default=(least, present))
+        if loss >= asked:
+            loss, start = least, present
+        if not start.width[self.joint] > 0.0:
+            return start, loss
+        found, _, after = self.descend(start, _LARGEST)
+        return (found, after) if after < loss else (start, loss)
+
+    def descend(
+        self, start: Reversals, widest: float, shape: np.ndarray | None = None,
+        free: Sequence[tuple[int, float, float]] = (),
+    ) -> tuple[Reversals, np.ndarray, float]:  # fmt: skip
+        """Width, and shape of the law within its bounds, that fit best from a start on, and their loss."""
+        law = np.zeros(0) if shape is None else np.array(shape, dtype=float)
+        at = [k for k, _, _ in free]
+
+        def make(z: np.ndarray) -> tuple[Reversals, np.ndarray]:
+            law[at] = np.exp(z[1:])
+            return Reversals(np.where(self.only, np.exp(z[0]), start.width), start.form), law
+
+        def leave(z: np.ndarray) -> np.ndarray:
+            reversals, law = make(z)
+            return self.leave(reversals, law[None])[0]
+
+        low, high = np.log([(_LEAST * self.top, widest * self.top), *((a, b) for _, a, b in free)]).T
+        first = np.log([start.width[self.joint], *law[at]])
+        found = optimize.least_squares(
+            leave, np.clip(first, low + 1e-3, high - 1e-3), bounds=(low, high), max_nfev=_STEPS, ftol=_NEAR
+        )
+        return *make(found.x), 2.0 * float(found.cost)
 
 
-def _leave_bounded(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
+def _is_reversal(term: Term, joint: int) -> bool:
+    """Whether a term is the error of a joint's reversal."""
+    return term.candidate.effect is REVERSAL and term.candidate.joint == joint
+
+
+def _is_own(term: Term, joint: int) -> bool:
+    """Whether a term acts at one joint alone and is evaluated along its motion."""
+    effect = term.candidate.effect
+    fixed = effect.spread or isinstance(effect, MeasurementEffect | RigidBodyEffect)
+    return term.candidate.joint == joint and effect is not REVERSAL and not fixed
+
+
+def _square(x: np.ndarray) -> float:
+    return float(x @ x)
+
+
+def _leave(x: np.ndarray, y: np.ndarray, low: np.ndarray) -> np.ndarray:
     """Residual of columns whose coefficients have lower bounds."""
     return np.asarray(y - x @ fit_bounded(x, y, low, np.full(x.shape[1], np.inf))[1])

@@ -7,9 +7,9 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.inference.delays import is_lag, lags_away_from_reversals, lags_slow_torque
-from wearscope.closed_loop.inference.laws import fit_law, is_law
+from wearscope.closed_loop.inference.laws import fit_law, is_law, refine_reversals
 from wearscope.closed_loop.inference.offers import Offer, is_believable, list_offers, may_gain, rank_pairs
-from wearscope.closed_loop.inference.reversal import is_wide, refine_reversals
+from wearscope.closed_loop.inference.reversal import is_wide
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.inference.term import Term, find_reach
