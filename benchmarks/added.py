@@ -13,21 +13,21 @@ is. Then each kind of torque is added at each joint, in all runs, at multiples o
 """
 
 import argparse
-import shutil
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+import pandas as pd
 from scipy import signal
-from statsmodels.stats.proportion import proportion_confint
 
+from benchmarks.recorded import Recorded, find_datasets
 from benchmarks.stability import list_changes
+from benchmarks.summary import tell_counts
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.storage.tables import read_table
 
 #: Speed of a Stribeck's fall, and width of a reversal, over the largest speed.
 FALL, WIDTH = 0.08, 0.01
@@ -46,28 +46,27 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def add_torque(folder: Path, place: Path, joint: str, kind: str, size: float) -> Path:
-    """A copy in which a joint's torque has a further one of a size (RMS), over all runs where it moves."""
-    shutil.copytree(folder, place, copy_function=shutil.copyfile)
-    fields = yaml.safe_load((place / "dataset.yaml").read_text(encoding="utf-8"))
-    tables = {run["file"]: read_table(folder / run["file"]) for run in fields["runs"]}
-    q = np.concatenate([table[f"q_{joint}"] for table in tables.values()])
+def add_torque(data: Recorded, joint: str, kind: str, size: float) -> Recorded:
+    """The data set with a further torque at a joint, of a size (RMS) over all runs where it moves."""
+    q, rate = data.pool(f"q_{joint}"), data.fields["sample_rate"]
     middle, half = (q.max() + q.min()) / 2, max(np.ptp(q) / 2, 1e-12)
-    smooth = {"window_length": 21, "polyorder": 3, "deriv": 1, "delta": 1.0 / fields["sample_rate"]}
-    speed = {f: signal.savgol_filter(table[f"q_{joint}"], **smooth) for f, table in tables.items()}
-    top = np.quantile(np.abs(np.concatenate([*speed.values()])), 0.95)
-    place_of = {f: (table[f"q_{joint}"] - middle) / half for f, table in tables.items()}
-    extra = {f: KINDS[kind](place_of[f], speed[f] / top) for f in tables}
-    moves = np.concatenate([np.abs(v) > WIDTH * top for v in speed.values()])
-    scale = size / np.sqrt(np.mean(np.concatenate([*extra.values()])[moves] ** 2))
-    for file, table in tables.items():
-        table[f"tau_{joint}"] += scale * extra[file]
-        (place / file).with_suffix(".parquet").unlink(missing_ok=True)
-        table.to_parquet((place / file).with_suffix(".parquet"))
-    for run in fields["runs"]:
-        run["file"] = str(Path(run["file"]).with_suffix(".parquet"))
-    (place / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
-    return place
+
+    def find_speed(table: pd.DataFrame) -> np.ndarray:
+        return signal.savgol_filter(table[f"q_{joint}"], 21, 3, deriv=1, delta=1.0 / rate)
+
+    speed = np.concatenate([find_speed(table) for table in data.tables.values()])
+    top = np.quantile(np.abs(speed), 0.95)
+
+    def find_torque(table: pd.DataFrame) -> np.ndarray:
+        return KINDS[kind]((table[f"q_{joint}"] - middle) / half, find_speed(table) / top)
+
+    torque = np.concatenate([find_torque(table) for table in data.tables.values()])
+    scale = size / np.sqrt(np.mean(torque[np.abs(speed) > WIDTH * top] ** 2))
+
+    def add(table: pd.DataFrame) -> None:
+        table[f"tau_{joint}"] += scale * find_torque(table)
+
+    return data.change(add)
 
 
 def grade(verdict: dict[str, Any], joint: str, kind: str) -> str:
@@ -89,8 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--times", nargs="+", type=float, default=[0.5, 1.0, 2.0])
     given = parser.parse_args(arguments)
     results: list[tuple[float, str, bool]] = []
-    for folder in (file.parent for one in given.folders for file in sorted(one.rglob("dataset.yaml"))):
-        plain = diagnose(folder).verdict
+    for folder in find_datasets(given.folders):
+        data, plain = Recorded(folder), diagnose(folder).verdict
         for joint in [j for j in plain["joints"] if not given.joint or j in given.joint]:
             own = plain["joints"][joint]
             for kind in given.kind:
@@ -100,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 for times in given.times:
                     size = times * limit / 100.0 * own["torque_rms"]
                     with tempfile.TemporaryDirectory() as place:
-                        copy = add_torque(folder, Path(place) / "added", joint, kind, size)
+                        copy = add_torque(data, joint, kind, size).write(Path(place) / "added")
                         verdict = diagnose(copy).verdict
                     told = grade(verdict, joint, kind)
                     _, changed = list_changes(plain, verdict, joint)
@@ -112,15 +111,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     )
     for times in given.times:
         at = [(told, changed) for t, told, changed in results if t == times]
-        for what in ("found", "hinted", "missed"):
-            _tell(times, what, sum(told == what for told, _ in at), len(at))
-        _tell(times, "other names changed", sum(changed for _, changed in at), len(at))
+        counts = Counter(told for told, _ in at) | {"other names changed": sum(changed for _, changed in at)}
+        for what in ("found", "hinted", "missed", "other names changed"):
+            print(f"{times:g} times the limit, {what}: {tell_counts(counts[what], len(at))}")
     return 0
-
-
-def _tell(times: float, what: str, hits: int, cases: int) -> None:
-    low, high = proportion_confint(hits, cases, method="beta") if cases else (0.0, 1.0)
-    print(f"{times:g} times the limit, {what}: {hits} of {cases} ({100 * low:.0f} to {100 * high:.0f} %)")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-import pandas as pd
 
 from benchmarks.board.disturbances import NOISES
 from benchmarks.board.draw_machines import draw_machine
@@ -35,6 +34,7 @@ from benchmarks.outside.drawn import _PAYLOAD as PAYLOAD
 from benchmarks.outside.drawn import _SIZES as SIZES
 from benchmarks.outside.forms import OUTSIDERS
 from benchmarks.outside.planted import Case, Plant
+from benchmarks.recorded import Recorded
 from benchmarks.scoring import TIMES, score_case
 from wearscope.closed_loop import diagnosis
 from wearscope.closed_loop.diagnostics import structure
@@ -131,11 +131,11 @@ def _make_outside(case, folder, rng):
 def _add(folder, truth, kind, rng):
     """Add a torque to every run of a data set at one joint."""
     joint = str(rng.choice(truth["joints"]))
-    files = sorted((folder / "runs").glob("*.parquet"))
-    tables = {file: pd.read_parquet(file) for file in files}
-    scale = float(np.sqrt(np.mean(np.concatenate([x[f"tau_{joint}"] for x in tables.values()]) ** 2)))
+    data = Recorded(folder)
+    tables = [data.tables[file] for file in sorted(data.tables)]
+    scale = float(np.sqrt(np.mean(np.concatenate([x[f"tau_{joint}"] for x in tables]) ** 2)))
     size = scale * float(rng.uniform(0.04, 0.12))
-    for table in tables.values():
+    for table in tables:
         t, q = table["t"].to_numpy(), table[f"q_{joint}"].to_numpy()
         speed = np.sign(np.gradient(np.convolve(np.pad(q, 4, "edge"), np.ones(9) / 9, "valid"), t))
         added = np.zeros(len(t))
@@ -149,8 +149,7 @@ def _add(folder, truth, kind, rng):
         if kind == "run_offset":
             added = size * rng.uniform(-1.5, 1.5) * np.ones(len(t))
         table[f"tau_{joint}"] += added
-    for file, table in tables.items():
-        table.to_parquet(file, index=False)
+    data.write(folder)
     return {"added": kind, "added_joint": joint}
 
 

@@ -14,7 +14,6 @@ a name there whose set holds it. Printed: a line a change, then the share of nam
 """
 
 import argparse
-import shutil
 import sys
 import tempfile
 import time
@@ -24,12 +23,12 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-import yaml
-from statsmodels.stats.proportion import proportion_confint
+import pandas as pd
 
+from benchmarks.recorded import Recorded, find_datasets
+from benchmarks.summary import tell_counts
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake import preprocessing
-from wearscope.storage.tables import read_table
 
 FACTORS = (0.7, 1.3)
 SPRING = 0.1
@@ -42,30 +41,27 @@ def diagnose_at(folder: Path, cutoff: float) -> dict[str, Any]:
         return diagnose(folder).verdict
 
 
-def halve(folder: Path, place: Path) -> Path | None:
-    """A copy with every other training run; None where fewer than two would be left."""
-    copy, fields = _copy(folder, place)
-    train = [run for run in fields["runs"] if run["use"] == "train"]
+def halve(data: Recorded) -> Recorded | None:
+    """The data set with every other training run; None where fewer than two would be left."""
+    train = [run for run in data.fields["runs"] if run["use"] == "train"]
     if len(train) < 4:
         return None
-    dropped = train[1::2]
-    fields["runs"] = [run for run in fields["runs"] if run not in dropped]
-    _write(copy, fields)
-    return copy
+    other = data.change(lambda table: None)
+    kept = [run for run in data.fields["runs"] if run not in train[1::2]]
+    other.fields = data.fields | {"runs": kept}
+    return other
 
 
-def add_spring(folder: Path, place: Path, joint: str) -> Path:
-    """A copy in which a joint's torque has a spring about its middle position."""
-    copy, fields = _copy(folder, place)
-    tables = {run["file"]: read_table(copy / run["file"]) for run in fields["runs"]}
-    q = np.concatenate([table[f"q_{joint}"] for table in tables.values()])
-    tau = np.concatenate([table[f"tau_{joint}"] for table in tables.values()])
+def add_spring(data: Recorded, joint: str) -> Recorded:
+    """The data set in which a joint's torque has a spring about its middle position."""
+    q, tau = data.pool(f"q_{joint}"), data.pool(f"tau_{joint}")
     middle = float(np.nanmean(q))
     stiffness = SPRING * float(np.sqrt(np.nanmean(tau**2))) / float(np.nanstd(q))
-    for file, table in tables.items():
+
+    def add(table: pd.DataFrame) -> None:
         table[f"tau_{joint}"] += stiffness * (table[f"q_{joint}"] - middle)
-        table.to_parquet(copy / file)
-    return copy
+
+    return data.change(add)
 
 
 def list_changes(
@@ -98,23 +94,15 @@ def vary(folder: Path, place: Path) -> Iterator[tuple[str, int, list[str]]]:
     for factor in FACTORS:
         other = diagnose_at(folder, factor * plain["band"]["torque_hz"])
         yield f"cut-off x {factor:g}", *list_changes(plain, other)
-    half = halve(folder, place / "half")
+    data = Recorded(folder)
+    half = halve(data)
     if half is not None:
-        yield "half of the runs", *list_changes(plain, diagnose(half).verdict)
-    joints = list(plain["joints"])
-    if len(joints) > 1:
-        joint = joints[len(folder.name) % len(joints)]
-        other = diagnose(add_spring(folder, place / "spring", joint)).verdict
-        yield "spring at another joint", *list_changes(plain, other, joint)
-
-
-def _copy(folder: Path, place: Path) -> tuple[Path, dict[str, Any]]:
-    shutil.copytree(folder, place)
-    return place, yaml.safe_load((place / "dataset.yaml").read_text(encoding="utf-8"))
-
-
-def _write(folder: Path, fields: dict[str, Any]) -> None:
-    (folder / "dataset.yaml").write_text(yaml.safe_dump(fields, sort_keys=False), encoding="utf-8")
+        verdict = diagnose(half.write(place / "half")).verdict
+        yield "half of the runs", *list_changes(plain, verdict)
+    if len(data.joints) > 1:
+        joint = data.joints[len(folder.name) % len(data.joints)]
+        verdict = diagnose(add_spring(data, joint).write(place / "spring")).verdict
+        yield "spring at another joint", *list_changes(plain, verdict, joint)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -127,8 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     begun = time.process_time()
     counts: dict[str, list[tuple[int, int]]] = {}
-    folders = [file.parent for one in given.folders for file in sorted(one.rglob("dataset.yaml"))]
-    for folder in folders:
+    for folder in find_datasets(given.folders):
         if time.process_time() - begun > given.seconds:
             break
         with tempfile.TemporaryDirectory() as place:
@@ -138,11 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for kind, pairs in counts.items():
         names, changed = np.sum(pairs, axis=0)
         unmoved = sum(not moved for _, moved in pairs)
-        low, high = proportion_confint(unmoved, len(pairs), method="beta")
-        print(
-            f"{kind}: {changed} changes to {names} names; {unmoved} of {len(pairs)} verdicts unchanged "
-            f"({100 * low:.0f} to {100 * high:.0f} %)"
-        )
+        print(f"{kind}: {changed} changes to {names} names; unchanged: {tell_counts(unmoved, len(pairs))}")
     return 0
 
 

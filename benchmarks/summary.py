@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
-from benchmarks.scoring import REPEATING
+from benchmarks.scoring import REPEATING, TIMES
 
 Share = dict[str, Any]
 Pick = Callable[[pd.DataFrame, pd.DataFrame], "pd.Series[Any]"]
@@ -26,52 +26,31 @@ def tell_share(hits: "pd.Series[Any]") -> Share:
     return {"share": count / cases if cases else None, "hits": count, "cases": cases, "ci95": [low, high]}
 
 
-def _column(frame: pd.DataFrame, name: str) -> "pd.Series[Any]":
-    return frame[name] if name in frame else pd.Series(np.nan, index=frame.index, dtype=object)
-
-
-def _nulls(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return cases.loc[_column(cases, "null").astype(bool), "false_in_null"]
+def tell_counts(hits: int, cases: int) -> str:
+    """A share in words, with its interval."""
+    low, high = tell_share(pd.Series([True] * hits + [False] * (cases - hits), dtype=object))["ci95"]
+    return f"{hits} of {cases} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def _planted(cases: pd.DataFrame) -> pd.DataFrame:
-    return cases[~_column(cases, "null").astype(bool)]
+    return cases[~cases["null"].astype(bool)]
 
 
-def _of_planted(entries: pd.DataFrame) -> pd.DataFrame:
-    return entries[_column(entries, "kind") == "planted"]
+def _any(counts: "pd.Series[Any]") -> "pd.Series[Any]":
+    return (counts > 0).where(counts.notna())
 
 
-def _exact(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return _planted(cases)["exact"]
-
-
-def _extra(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    chosen = _planted(cases)
-    count = _column(chosen, "extra")
-    return (count > 0).where(count.notna())
-
-
-def _extra_unknown(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    chosen = _planted(cases)
-    count = _column(chosen, "unknowns")
-    return (count > 0).where(count.notna())
-
-
-def _required(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    chosen = entries[_column(entries, "required").astype(bool)] if len(entries) else entries
-    return _column(chosen, "found")
+def _spread(hits: float, of: float) -> "pd.Series[Any]":
+    return pd.Series([True] * int(hits) + [False] * int(of - hits), dtype=bool)
 
 
 def _friction(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     """By joint with friction that nobody declared: both named where they are findable, and nothing else."""
-    if entries.empty:
-        return pd.Series(dtype=bool)
     chosen = entries[entries["axis_declared"].isin(FROM_NOTHING)]
     out = []
     for _, joint in chosen.groupby(["dataset", "joint"]):
         mine = joint[joint["effect"].isin(["coulomb", "viscous"]) & joint["standard"].astype(bool)]
-        findable = mine[mine["times_findable"] >= 2.0]
+        findable = mine[mine["times_findable"] >= TIMES]
         if findable.empty:
             continue
         others = joint[(joint["kind"] == "planted") & ~joint["standard"].astype(bool)]
@@ -81,66 +60,69 @@ def _friction(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
 
 
 def _outside(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    chosen = entries[_column(entries, "outside").astype(bool)] if len(entries) else entries
-    return _column(chosen[_column(chosen, "times_findable").astype(float) >= 2.0], "found")
-
-
-def _worse(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return _column(cases[cases["error"] == ""], "worse")
+    findable = entries["times_findable"].astype(float) >= TIMES
+    return entries.loc[entries["outside"].astype(bool) & findable, "found"]
 
 
 def _refuted(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     """By name that a verdict gives, whichever planted effects it accounts for."""
-    refuted, said = (int(_column(cases, key).fillna(0).sum()) for key in ("refuted", "statuses"))
-    return pd.Series([True] * refuted + [False] * (said - refuted), dtype=bool)
-
-
-def _in_set(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return _column(_of_planted(entries), "in_set")
-
-
-def _covered(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    covered = _column(entries, "covered")
-    return (covered > 0.5).where(covered.notna())
+    return _spread(cases["refuted"].fillna(0).sum(), cases["statuses"].fillna(0).sum())
 
 
 def _unexplained(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
     """By joint of the cases whose noise does not repeat."""
-    judged = cases[_column(cases, "false_unexplained").notna()]
-    false, joints = (int(_column(judged, key).sum()) for key in ("false_unexplained", "joints"))
-    return pd.Series([True] * false + [False] * (joints - false), dtype=bool)
+    judged = cases[cases["false_unexplained"].notna()]
+    return _spread(judged["false_unexplained"].sum(), judged["joints"].sum())
 
 
-def _failed(cases: pd.DataFrame, entries: pd.DataFrame) -> "pd.Series[Any]":
-    return cases["error"] != ""
-
-
-SCORES: dict[str, tuple[str, Pick, bool, str]] = {
-    "false_in_null": ("a false name or unknown in a null", _nulls, False, "at most 1 %"),
-    "exact": ("all and only the planted effects (those at 2 x just findable required)", _exact, True, "90 %"),
-    "required_found": ("required effects named, right or in the confidence set", _required, True, ""),
-    "extra_name": ("an extra name in a planted case", _extra, False, "2 %"),
-    "extra_unknown": ("an extra unknown in a planted case", _extra_unknown, False, ""),
+SCORES: dict[str, tuple[str, Pick, str]] = {
+    "false_in_null": (
+        "a false name or unknown in a null",
+        lambda c, e: c.loc[c["null"].astype(bool), "false_in_null"], "at most 1 %",
+    ),
+    "exact": (
+        "all and only the planted effects (those at 2 x just findable required)",
+        lambda c, e: _planted(c)["exact"], "90 %",
+    ),
+    "required_found": (
+        "required effects named, right or in the confidence set",
+        lambda c, e: e.loc[e["required"].astype(bool), "found"], "",
+    ),
+    "extra_name": ("an extra name in a planted case", lambda c, e: _any(_planted(c)["extra"]), "2 %"),
+    "extra_unknown": ("an extra unknown in a planted case", lambda c, e: _any(_planted(c)["unknowns"]), ""),
     "friction_from_nothing": (
-        "undeclared Coulomb and viscous, and nothing else, by joint",
-        _friction,
-        True,
-        "90 %",
+        "undeclared Coulomb and viscous, and nothing else, by joint", _friction, "90 %",
     ),
-    "false_unexplained": (
-        "joints called unexplained where all is named",
-        _unexplained,
-        False,
-        "at most 3 %",
+    "false_unexplained": ("joints called unexplained where all is named", _unexplained, "at most 3 %"),
+    "outside_answered": ("outside effects answered unknown or unexplained", _outside, "95 %"),
+    "held_out_worse": (
+        "held-out error of a joint larger by more than 3 %",
+        lambda c, e: c.loc[c["error"] == "", "worse"], "0.5 %",
     ),
-    "outside_answered": ("outside effects answered unknown or unexplained", _outside, True, "95 %"),
-    "held_out_worse": ("held-out error of a joint larger by more than 3 %", _worse, False, "0.5 %"),
-    "refuted": ("names that the test runs refute", _refuted, False, "1 %"),
-    "set_holds_truth": ("confidence set of an entry holds the truth", _in_set, True, "88 to 98 %"),
-    "parameter_covered": ("parameter within its 95 % interval", _covered, True, ""),
-    "failed": ("cases that ended in an error or at the time limit", _failed, False, ""),
-}
-"""Scores: words, how their cases are picked, whether more is better, and what is to be reached."""
+    "refuted": ("names that the test runs refute", _refuted, "1 %"),
+    "set_holds_truth": (
+        "confidence set of an entry holds the truth",
+        lambda c, e: e.loc[e["kind"] == "planted", "in_set"], "88 to 98 %",
+    ),
+    "parameter_covered": ("parameter within its 95 % interval", lambda c, e: _any(e["covered"]), ""),
+    "failed": ("cases that ended in an error or at the time limit", lambda c, e: c["error"] != "", ""),
+}  # fmt: skip
+"""Scores: words, how their cases are picked, and what is to be reached."""
+CASE_COLUMNS = (
+    "false_in_null",
+    "extra",
+    "unknowns",
+    "refuted",
+    "statuses",
+    "false_unexplained",
+    "joints",
+    "worse",
+)
+ENTRY_COLUMNS = (
+    "dataset", "kind", "effect", "joint", "outside", "standard", "required", "found", "grade", "in_set",
+    "covered", "times_findable", "axis_declared",
+)  # fmt: skip
+"""What is missing where every case failed, or none had an entry."""
 FEWEST_BINNED = 12
 """Different values from which on an axis of numbers is told in bins."""
 BY_AXIS = ("exact", "false_in_null", "extra_name", "required_found")
@@ -181,8 +163,9 @@ def summarise(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
         `axes` (by axis and level, the same for the scores of `BY_AXIS`), `repeating_nulls` (nulls with hum
         or events, which may be `unexplained`), `errors` (the messages, counted).
     """
-    levels = bin_axes(cases)
-    entry_levels = bin_axes(entries) if len(entries) else pd.DataFrame()
+    cases = cases.reindex(columns=list(dict.fromkeys([*cases, *CASE_COLUMNS])))
+    entries = entries.reindex(columns=list(dict.fromkeys([*entries, *ENTRY_COLUMNS])))
+    levels, entry_levels = bin_axes(cases), bin_axes(entries)
     axes: dict[str, Any] = {}
     for axis in levels:
         axes[axis] = {}
@@ -196,7 +179,7 @@ def summarise(cases: pd.DataFrame, entries: pd.DataFrame) -> dict[str, Any]:
     return {
         "cases": len(cases),
         "seconds": {"median": float(cases["seconds"].median()), "largest": float(cases["seconds"].max())},
-        "total": {key: tell_share(pick(cases, entries)) for key, (_, pick, _, _) in SCORES.items()},
+        "total": {key: tell_share(pick(cases, entries)) for key, (_, pick, _) in SCORES.items()},
         "repeating_nulls": tell_share(repeating["false_in_null"]),
         "axes": axes,
         "errors": {str(error): int(count) for error, count in errors.items()},
@@ -229,7 +212,7 @@ def write_markdown(summary: dict[str, Any]) -> str:
         "| score | measured (hits/cases; 95 % interval) | to reach |",
         "|---|---|---|",
     ]
-    for key, (words, _, _, target) in SCORES.items():
+    for key, (words, _, target) in SCORES.items():
         lines.append(f"| {words} | {_words(summary['total'][key])} | {target} |")
     lines.append(f"| of the nulls, those with hum or events | {_words(summary['repeating_nulls'])} | |")
     lines += ["", "| axis | level | " + " | ".join(BY_AXIS) + " |", "|---|---|" + "---|" * len(BY_AXIS)]

@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from benchmarks.added import KINDS, add_torque, grade
+from benchmarks.recorded import Recorded
 
 
 @pytest.fixture
@@ -19,13 +20,15 @@ def folder(tmp_path):
         table = pd.DataFrame({"t": t, "q_a": size * np.sin(phase), "tau_a": np.cos(t), "tau_b": np.cos(t)})
         table.to_parquet(made / "runs" / f"{r}.parquet")
         files.append({"file": f"runs/{r}.parquet", "use": "train"})
-    (made / "dataset.yaml").write_text(yaml.safe_dump({"sample_rate": 100.0, "runs": files}))
+    robot = {"urdf": "my.urdf", "joints": ["a", "b"]}
+    (made / "my.urdf").write_text("<robot/>")
+    (made / "dataset.yaml").write_text(yaml.safe_dump({"sample_rate": 100.0, "robot": robot, "runs": files}))
     return made
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_added_has_its_size_over_all_runs_and_nothing_else_changes(folder, tmp_path, kind):
-    copy = add_torque(folder, tmp_path / "copy", "a", kind, 0.25)
+    copy = add_torque(Recorded(folder), "a", kind, 0.25).write(tmp_path / "copy")
     pairs = [[pd.read_parquet(f / "runs" / f"{r}.parquet") for f in (folder, copy)] for r in range(2)]
     extra = np.concatenate([after["tau_a"] - before["tau_a"] for before, after in pairs])
     moves = np.tile(np.arange(600) > 100, 2)
