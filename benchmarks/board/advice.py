@@ -15,13 +15,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
+import yaml
 
-from benchmarks.board.further import Further, record_further
-from benchmarks.board.generate import generate_dataset
+from benchmarks.board.folder import list_run, record_run
+from benchmarks.board.generate import declare_effects, generate_dataset, plant_effects, record, warm_up
+from benchmarks.board.machines import Body
+from benchmarks.board.physics import Structural, behave
+from benchmarks.board.recipe import RunPlan, make_stream
 from benchmarks.board.regimes import PARTS, Case, draw_axes, make_case
 from benchmarks.summary import tell_share
 from wearscope.demonstration.motions import Motion
@@ -84,9 +91,7 @@ def run_advice_case(case: Case, place: Path) -> dict[str, Any]:
         row["loaded"] = advice.plan.payload is not None
         model = planning_model(diagnosis.prepared, diagnosis.models["before"])
         motion = _make_motion(advice, model, case)
-        temperature = advice.plan.temperature
-        run = Further(motion, row["loaded"], temperature if temperature == temperature else None)
-        record_further(folder, case, [run] * advice.runs)
+        record_further(folder, case, motion, advice.runs, row["loaded"], advice.plan.temperature)
         again = diagnose(folder).verdict["verdict"]
         entry = _find_entry(again, plants)
         row["after"] = "; ".join(
@@ -126,6 +131,51 @@ def _make_motion(advice: Any, model: Any, case: Case) -> Motion:
     )
     reference = hold_still(build(model, DWELL, step), advice.plan.moving, model)
     return Motion(reference.t, reference.q, reference.v, reference.a)
+
+
+def record_further(
+    folder: Path, case: Case, motion: Motion, runs: int, loaded: bool, temperature: float
+) -> None:
+    """Add training runs along one motion to a case's data set.
+
+    The machine, its plants and the torque noise are those of the case, and so are the data set's other runs.
+
+    Parameters
+    ----------
+    folder : Path
+    case : Case
+    motion : Motion
+        On the case's fine grid.
+    runs : int
+    loaded : bool
+        Whether the machine carries its payload.
+    temperature : float
+        At the start [deg C]; 35 where it is NaN.
+    """
+    recipe, machine, seed = case.recipe, case.machine, case.seed
+    recording = record(machine, seed, recipe, declare_effects(recipe, case.planted), case.planted)
+    actives, _ = plant_effects(recording, case.planted, seed)
+    setting, body = recording.setting, recording.body
+    if not loaded:
+        # Without its payload the machine has no error of it either.
+        setting = replace(setting, machine=replace(machine, payload_mass=0.0))
+        body = Body(machine.urdf, machine.gravity, 0.0, (0.0, 0.0, 0.0))
+        actives = [
+            a for a in actives if not (isinstance(a.plant, Structural) and a.plant.kind == "payload_error")
+        ]
+    data = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))
+    names = pq.read_schema(folder / data["runs"][0]["file"]).names
+    plan = RunPlan("train", "given", -1, 35.0 if np.isnan(temperature) else temperature)
+    for number in range(runs):
+        rng = make_stream(seed, machine.name, "further", str(number))
+        heat = warm_up(plan, len(machine.joints), motion.t, rng)
+        behaviour = behave(setting, motion, heat, actives, body)
+        warm = any("temp_" in name for name in names)
+        columns, units, _ = record_run(machine, recipe, behaviour, recording.sigma, rng, warm)
+        file = f"runs/further{number + 1}.parquet"
+        write_table(folder / file, columns, units)
+        data["runs"].append(list_run(file, "train", machine, loaded))
+    write_text(folder / "dataset.yaml", yaml.safe_dump(data, sort_keys=False))
 
 
 def summarise_advice(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

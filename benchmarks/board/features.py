@@ -1,9 +1,10 @@
-"""The board's own regressors, in the usual form of each effect, for separability and for the baselines.
+"""The board's own regressors, in the usual form of each effect, for separability.
 
 They are deliberately plain and know nothing of `wearscope.effects`: a family is a list of variants (a grid
 over the nonlinear parameters), and a variant is a set of columns along the runs.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,90 @@ def _derivative(x: Array, t: Array) -> Array:
     return np.gradient(x, t, edge_order=2)
 
 
+class _Joint:
+    """Signals (N,) of one joint along a track, and its scales."""
+
+    def __init__(self, track: Track, families: "Families"):
+        self.track, self.j, self.t, self.families = track, families.joint, track.t, families
+        self.q, self.v, self.a, self.rigid, self.load = (
+            x[:, self.j] for x in (track.q, track.v, track.a, track.rigid, track.load)
+        )
+        self.sign, self.size, self.top = np.tanh(self.v / families.grain), np.abs(self.v), families.top_speed
+        self.reach, self.slides = families.reach, families.prismatic
+        self.angle = (self.q - families.middle) / (self.reach if self.slides else 1.0)
+        self.warm = None if track.temperature is None else track.temperature[:, self.j] - 35.0
+
+    def shift(self, ahead: Array) -> Array:
+        """See `Track.shifted`."""
+        return self.track.shifted(self.j, ahead)
+
+    def fade(self, share: float) -> Array:
+        """Falls from 1 within a share of the run."""
+        return np.exp(-(self.t - self.t[0]) / (share * (self.t[-1] - self.t[0])))
+
+    def fall(self, share: float, power: float = 1.0) -> Array:
+        """Friction that falls within a share of the top speed."""
+        return np.exp(-((self.size / (share * self.top)) ** power)) * self.sign
+
+
+def _law(s: _Joint) -> list[list[Array]]:
+    bumps = [s.fall(0.03), s.fall(0.1)]
+    warm = [] if s.warm is None else [s.warm * s.v, *(s.warm * bump for bump in bumps)]
+    return [[s.sign, s.v, *bumps, *warm]]
+
+
+def _backlash(s: _Joint) -> list[list[Array]]:
+    level = float(np.sqrt(np.mean(s.rigid**2))) + 1e-9
+    return [[s.shift(np.tanh(s.load / (share * level)))] for share in (0.05, 0.1, 0.2)]
+
+
+def _ripple(s: _Joint) -> list[list[Array]]:
+    orders = [2 * np.pi / (s.reach * share) for share in (0.02, 0.05, 0.1)] if s.slides else []
+    return [[np.sin(k * s.q), np.cos(k * s.q)] for k in (*orders, *s.families.ripple_orders)]
+
+
+def _counterbalance(s: _Joint) -> list[list[Array]]:
+    if s.slides:
+        return [[s.angle, s.angle**2, s.angle**3]]
+    once, twice = ([np.sin(k * s.angle), np.cos(k * s.angle)] for k in (1, 2))
+    return [once, [*once, *twice]]
+
+
+def _coupling(s: _Joint) -> list[list[Array]]:
+    speeds = [s.track.v[:, k] for k in range(s.track.q.shape[1]) if k != s.j]
+    return [[np.tanh(v / (GRAIN * np.abs(v).max() + 1e-12)), v] for v in speeds]
+
+
+CANDIDATES: dict[str, Callable[[_Joint], list[list[Array]]]] = {
+    "coulomb": lambda s: [[s.sign]],
+    "viscous": lambda s: [[s.v]],
+    "rotor_inertia": lambda s: [[s.a]],
+    "torque_offset": lambda s: [[np.ones_like(s.t)]],
+    "stribeck": lambda s: [[s.fall(share, p)] for share in (0.02, 0.04, 0.08, 0.15) for p in (1.0, 2.0)],
+    "coulomb_asymmetry": lambda s: [[s.sign**2]],
+    "viscous_asymmetry": lambda s: [[s.size]],
+    "quadratic_viscous": lambda s: [[s.v * s.size]],
+    "concave_viscous": lambda s: [[(s.size / s.top) ** p * s.sign] for p in (0.35, 0.5, 0.7)],
+    "load_dependent_friction": lambda s: [[np.abs(s.rigid) * s.sign]],
+    "temperature_dependent_friction": lambda s: [[s.warm * s.sign, s.warm * s.v]],
+    "warm_up_drift": lambda s: [[s.fade(x) * s.sign, s.fade(x) * s.v] for x in (0.1, 0.2, 0.4, 1.0)],
+    "presliding_hysteresis": lambda s: [[slip_spring(s.q, x * s.reach)] for x in (0.004, 0.01, 0.02, 0.04)],
+    "backlash": _backlash,
+    "joint_elasticity": lambda s: [[s.shift(s.load)]],
+    "torque_ripple": _ripple,
+    "joint_spring": lambda s: [[s.q, np.ones_like(s.q)]],
+    "gravity_counterbalance": _counterbalance,
+    "torque_constant_error": lambda s: [[s.rigid]],
+    "time_delay": lambda s: [
+        [_derivative(s.rigid, s.t), _derivative(s.sign, s.t)], [_derivative(s.rigid, s.t)],
+    ],
+    "cross_coupling": _coupling,
+    "payload_error": lambda s: [[*s.track.payload_columns[:, s.j].T]],
+}  # fmt: skip
+"""Columns of the variants of each family that a verdict may name."""
+COLUMNS = CANDIDATES | {
+    "rotor_inertia_error": CANDIDATES["rotor_inertia"], "friction_wear_temperature": _law,
+}  # fmt: skip
 FIXED = ("rigid_body", "rotor_inertia_given")
 """Declared effects without a parameter of their own to refit."""
 
@@ -110,8 +195,6 @@ class Families:
         Names of the declared effects that are refitted.
     ripple_orders : sequence of float
         Orders of ripple to try [cycles by 2 pi joint units].
-    like : Families, optional
-        Takes its speed and position scales, so that columns of test runs mean what they mean in training.
     """
 
     def __init__(
@@ -122,7 +205,6 @@ class Families:
         prismatic: bool,
         declared: list[str],
         ripple_orders: tuple[float, ...] = (8, 12, 16, 20, 24, 28, 32, 36, 40, 60, 80, 120),
-        like: "Families | None" = None,
     ):
         self.tracks, self.joint, self.rate, self.prismatic = tracks, joint, rate, prismatic
         speed = np.concatenate([np.abs(track.v[:, joint]) for track in tracks])
@@ -130,12 +212,9 @@ class Families:
         self.grain = GRAIN * self.top_speed
         centre = np.concatenate([track.q[:, joint] for track in tracks])
         self.middle, self.reach = float(np.median(centre)), float(np.ptp(centre)) / 2
-        if like is not None:
-            self.top_speed, self.grain = like.top_speed, like.grain
-            self.middle, self.reach = like.middle, like.reach
         self.declared_names = declared
         self.ripple_orders = ripple_orders
-        columns = [x for name in declared if name not in FIXED for x in self._pooled(name)]
+        columns = [x for name in declared if name not in FIXED for x in self.variants(name)]
         self.declared = np.hstack(columns or [np.zeros((sum(self.lengths()), 0))])
 
     def lengths(self) -> list[int]:
@@ -151,27 +230,20 @@ class Families:
 
     def names(self) -> list[str]:
         """Candidate names that make sense on these tracks and are not declared."""
-        names = [
-            "coulomb", "viscous", "rotor_inertia", "torque_offset", "stribeck", "coulomb_asymmetry",
-            "viscous_asymmetry", "quadratic_viscous", "concave_viscous", "load_dependent_friction",
-            "warm_up_drift", "presliding_hysteresis", "backlash", "joint_elasticity", "torque_ripple",
-            "joint_spring", "gravity_counterbalance", "torque_constant_error", "time_delay",
-        ]  # fmt: skip
-        if self.tracks[0].temperature is not None:
-            names.append("temperature_dependent_friction")
-        if self.tracks[0].q.shape[1] > 1:
-            names.append("cross_coupling")
-        if self.tracks[0].payload_columns is not None:
-            names.append("payload_error")
-        covered = {"coulomb", "viscous"} if "friction_wear_temperature" in self.declared_names else set()
-        return [name for name in names if name not in covered and name not in self.declared_names]
+        track, absent = self.tracks[0], {*self.declared_names}
+        if track.temperature is None:
+            absent.add("temperature_dependent_friction")
+        if track.q.shape[1] == 1:
+            absent.add("cross_coupling")
+        if track.payload_columns is None:
+            absent.add("payload_error")
+        if "friction_wear_temperature" in absent:
+            absent |= {"coulomb", "viscous"}
+        return [name for name in CANDIDATES if name not in absent]
 
     def variants(self, name: str) -> list[Array]:
         """Columns (N, k) of every variant of a family, smoothed and pooled over the tracks."""
-        return self._pooled(name)
-
-    def _pooled(self, name: str) -> list[Array]:
-        by_track = [self._columns(name, track) for track in self.tracks]
+        by_track = [COLUMNS[name](_Joint(track, self)) for track in self.tracks]
         return [
             np.vstack([smooth(np.column_stack(columns), self.rate) for columns in variant])
             for variant in zip(*by_track, strict=True)
@@ -180,87 +252,3 @@ class Families:
     def pool(self, signals: list[Array]) -> Array:
         """Smooth and pool one signal (N,) by track in the same way."""
         return np.concatenate([smooth(x[:, None], self.rate)[:, 0] for x in signals])
-
-    def _columns(self, name: str, track: Track) -> list[list[Array]]:
-        j, t = self.joint, track.t
-        q, v, a, rigid = track.q[:, j], track.v[:, j], track.a[:, j], track.rigid[:, j]
-        sign = np.tanh(v / self.grain)
-        size, top = np.abs(v), self.top_speed
-        level = float(np.sqrt(np.mean(rigid**2))) + 1e-9
-        angle = q - self.middle if not self.prismatic else (q - self.middle) / self.reach
-        if name == "coulomb":
-            return [[sign]]
-        if name == "viscous":
-            return [[v]]
-        if name in ("rotor_inertia", "rotor_inertia_error"):
-            return [[a]]
-        if name == "friction_wear_temperature":
-            bumps = [np.exp(-size / (share * top)) * sign for share in (0.03, 0.1)]
-            columns = [sign, v, *bumps]
-            if track.temperature is not None:
-                warm = track.temperature[:, j] - 35.0
-                columns += [warm * v, *(warm * bump for bump in bumps)]
-            return [columns]
-        if name == "torque_offset":
-            return [[np.ones_like(t)]]
-        if name == "stribeck":
-            speeds = (0.02, 0.04, 0.08, 0.15)
-            return [[np.exp(-((size / (s * top)) ** p)) * sign] for s in speeds for p in (1.0, 2.0)]
-        if name == "coulomb_asymmetry":
-            return [[sign**2]]
-        if name == "viscous_asymmetry":
-            return [[size]]
-        if name == "quadratic_viscous":
-            return [[v * size]]
-        if name == "concave_viscous":
-            return [[(size / top) ** p * sign] for p in (0.35, 0.5, 0.7)]
-        if name == "load_dependent_friction":
-            return [[np.abs(rigid) * sign]]
-        if name == "temperature_dependent_friction":
-            assert track.temperature is not None
-            warm = track.temperature[:, j] - 35.0
-            return [[warm * sign, warm * v]]
-        if name == "warm_up_drift":
-            span = t[-1] - t[0]
-            fades = [np.exp(-(t - t[0]) / (s * span)) for s in (0.1, 0.2, 0.4, 1.0)]
-            return [[fade * sign, fade * v] for fade in fades]
-        if name == "presliding_hysteresis":
-            return [[slip_spring(q, s * self.reach)] for s in (0.004, 0.01, 0.02, 0.04)]
-        if name == "backlash":
-            return [[track.shifted(j, np.tanh(track.load[:, j] / (s * level)))] for s in (0.05, 0.1, 0.2)]
-        if name == "joint_elasticity":
-            return [[track.shifted(j, track.load[:, j])]]
-        if name == "torque_ripple":
-            orders = [2 * np.pi / (self.reach * s) for s in (0.02, 0.05, 0.1)] if self.prismatic else []
-            return [[np.sin(k * q), np.cos(k * q)] for k in (*orders, *self.ripple_orders)]
-        if name == "joint_spring":
-            return [[q, np.ones_like(q)]]
-        if name == "gravity_counterbalance":
-            if self.prismatic:
-                return [[angle, angle**2, angle**3]]
-            return [
-                [np.sin(angle), np.cos(angle)],
-                [np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)],
-            ]
-        if name == "torque_constant_error":
-            return [[rigid]]
-        if name == "time_delay":
-            return [[_derivative(rigid, t), _derivative(sign, t)], [_derivative(rigid, t)]]
-        if name == "cross_coupling":
-            others = [k for k in range(track.q.shape[1]) if k != j]
-            return [
-                [np.tanh(track.v[:, k] / (GRAIN * np.abs(track.v[:, k]).max() + 1e-12)), track.v[:, k]]
-                for k in others
-            ]
-        assert name == "payload_error" and track.payload_columns is not None
-        return [[track.payload_columns[:, j, i] for i in range(4)]]
-
-
-def left_over(target: Array, columns: Array) -> float:
-    """Share of a signal's mean square (N,) that least squares on `columns` (N, k) leaves."""
-    if columns.shape[1] == 0:
-        return 1.0
-    scale = np.sqrt(np.mean(columns**2, axis=0))
-    columns = columns[:, scale > 0] / scale[scale > 0]
-    solution, *_ = np.linalg.lstsq(columns, target, rcond=1e-9)
-    return float(np.mean((target - columns @ solution) ** 2) / np.mean(target**2))

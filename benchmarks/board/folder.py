@@ -36,6 +36,44 @@ def _one_or_all(units: list[str]) -> str | list[str]:
     return units[0] if len(set(units)) == 1 else units
 
 
+def record_run(
+    machine: Machine, recipe: Recipe, behaviour: Behaviour, sigma: Array, rng: np.random.Generator,
+    with_temperature: bool, acted: Array | None = None,
+) -> tuple[dict[str, Array], dict[str, str], dict[str, Array]]:  # fmt: skip
+    """Columns of a run, their units, and its `clean`, `noise`, `effect` and `position` (N, n).
+
+    `acted` (N, n) is the torque disturbance where it has acted already inside a position loop.
+    """
+    b, every = behaviour, slice(None, None, recipe.oversampling)
+    t = b.t[every]
+    at_q, at_tau = jitter_times(t, recipe.noise, recipe.rate, rng)
+    noise = acted
+    if noise is None:
+        noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng, recipe.memory, recipe.frequency)
+    q = np.column_stack([np.interp(at_q, b.t, column) for column in b.q.T])
+    clean = np.column_stack([np.interp(at_tau, b.t, column) for column in b.tau.T])
+    resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
+    if recipe.encoder_step is not None:
+        resolution = recipe.encoder_step * np.asarray(machine.reach)
+    q = quantise(q, resolution, rng)
+    columns, units = {"t": t}, {"t": "s"}
+    for j, joint in enumerate(machine.joints):
+        columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
+        units[f"q_{joint}"], units[f"tau_{joint}"] = machine.position_unit(j), machine.torque_unit(j)
+        if with_temperature:
+            columns[f"temp_{joint}"] = np.round(b.temperature[every, j], 1)
+            units[f"temp_{joint}"] = "degC"
+    return columns, units, {"clean": clean, "noise": noise, "effect": b.plant_torque[every], "position": q}
+
+
+def list_run(file: str, use: str, machine: Machine, loaded: bool = True) -> dict[str, Any]:
+    """Entry of a run in ``dataset.yaml``."""
+    entry: dict[str, Any] = {"file": file, "use": use}
+    if machine.payload_mass > 0 and loaded:
+        entry["payload"] = {"mass": machine.payload_mass, "com": list(machine.payload_com)}
+    return entry
+
+
 def write_folder(
     folder: Path, machine: Machine, setting: Setting, recipe: Recipe, behaviours: list[Behaviour],
     noises: list[Array | None], sigma: Array, seed: int, declared: list[str], with_temperature: bool,
@@ -52,44 +90,19 @@ def write_folder(
         `position_` as recorded.
     """
     joints, n = machine.joints, len(machine.joints)
-    pos = [machine.position_unit(j) for j in range(n)]
-    tau_unit = [machine.torque_unit(j) for j in range(n)]
-    if recipe.encoder_step is None:
-        resolution = 2 * np.pi / (2**17 * np.asarray(machine.gear_ratio))
-    else:
-        resolution = recipe.encoder_step * np.asarray(machine.reach)
     sealed: dict[str, list[Array]] = {"run": [], "t": []}
     listing: list[dict[str, Any]] = []
-    every = slice(None, None, recipe.oversampling)
-    for number, (plan, b, acted) in enumerate(zip(recipe.plans, behaviours, noises, strict=True)):
+    for number, (plan, behaviour, acted) in enumerate(zip(recipe.plans, behaviours, noises, strict=True)):
         rng = make_stream(seed, machine.name, "noise", str(number))
-        t = b.t[every]
-        at_q, at_tau = jitter_times(t, recipe.noise, recipe.rate, rng)
-        columns: dict[str, Array] = {"t": t}
-        units = {"t": "s"}
-        noise = acted
-        if noise is None:
-            noise = make_noise(recipe.noise, len(t), sigma, recipe.rate, rng, recipe.memory, recipe.frequency)
-        q = np.column_stack([np.interp(at_q, b.t, b.q[:, j]) for j in range(len(joints))])
-        clean = np.column_stack([np.interp(at_tau, b.t, b.tau[:, j]) for j in range(len(joints))])
-        effect = b.plant_torque[every]
-        q = quantise(q, resolution, rng)
-        sealed["run"].append(np.full(len(t), number, dtype=float))
-        sealed["t"].append(t)
+        columns, units, kept = record_run(machine, recipe, behaviour, sigma, rng, with_temperature, acted)
+        sealed["run"].append(np.full(len(columns["t"]), number, dtype=float))
+        sealed["t"].append(columns["t"])
         for j, joint in enumerate(joints):
-            columns[f"q_{joint}"], columns[f"tau_{joint}"] = q[:, j], clean[:, j] + noise[:, j]
-            units[f"q_{joint}"], units[f"tau_{joint}"] = pos[j], tau_unit[j]
-            if with_temperature:
-                columns[f"temp_{joint}"] = np.round(b.temperature[every, j], 1)
-                units[f"temp_{joint}"] = "degC"
-            for key, value in (("clean", clean), ("noise", noise), ("effect", effect), ("position", q)):
+            for key, value in kept.items():
                 sealed.setdefault(f"{key}_{joint}", []).append(value[:, j])
         file = f"runs/r{number + 1}.parquet"
         write_table(folder / file, columns, units)
-        entry: dict[str, Any] = {"file": file, "use": plan.use}
-        if machine.payload_mass > 0:
-            entry["payload"] = {"mass": machine.payload_mass, "com": list(machine.payload_com)}
-        listing.append(entry)
+        listing.append(list_run(file, plan.use, machine))
     approximate = bool(recipe.inertia_error) if recipe.approximate is None else recipe.approximate
     robot: dict[str, Any] = {
         "urdf": "robot.urdf",
@@ -106,7 +119,10 @@ def write_folder(
         "source": "generated",
         "robot": robot,
         "sample_rate": recipe.rate,
-        "units": {"q": _one_or_all(pos), "tau": _one_or_all(tau_unit)},
+        "units": {
+            "q": _one_or_all([machine.position_unit(j) for j in range(n)]),
+            "tau": _one_or_all([machine.torque_unit(j) for j in range(n)]),
+        },
         "declared_effects": declared,
         "runs": listing,
     }
