@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import psutil
 import yaml
 
@@ -51,6 +52,15 @@ def write_study(folder: Path, robots: int, points: int, job_seconds: float, **se
     file = folder / "study.yaml"
     file.write_text(yaml.safe_dump(study, sort_keys=False), encoding="utf-8")
     return file
+
+
+def read_jobs(results: Path) -> pd.DataFrame:
+    """Each job of a study: `rule`, `s`, processor seconds `cpu_time` and peak MiB `max_rss`."""
+    jobs = []
+    for file in sorted(results.glob("benchmarks/**/*.tsv")):
+        rule = file.relative_to(results / "benchmarks").parts[0].removesuffix(".tsv")
+        jobs.append(pd.read_csv(file, sep="\t").assign(rule=rule))
+    return pd.concat(jobs) if jobs else pd.DataFrame(columns=["s", "cpu_time", "max_rss", "rule"])
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Time and memory of simulating and reading 10 to 10,000 points: the first grows with them, the second not.
 
-    .venv/bin/python benchmarks/points.py                       10, 100, 1,000 points, about two minutes
-    .venv/bin/python benchmarks/points.py --points 10 100 1000 10000
+    .venv/bin/python -m benchmarks.points                       10, 100, 1,000 points, about two minutes
+    .venv/bin/python -m benchmarks.points --points 10 100 1000 10000
 
 Every number of points is run in a process of its own: random levels of all factors, so that each point has
 its own motion, on the test-cycle of the tests. Processor time is counted, not the time of day.

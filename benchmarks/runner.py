@@ -1,4 +1,9 @@
-"""Runs cases of a generator: each is made, asked of the closed loop in its own process, and scored."""
+"""Runs cases of a generator: each is made, asked of the closed loop in its own process, and scored.
+
+A case is a data set of which the truth is known. It has a `name` (the same for the same case), a `seed`,
+`axes` (value of every axis of the regime by name), `tell()` (regime and plants in a few words) and
+`make(folder)`, which writes the data set and returns its truth, as `scoring.score_case` takes it.
+"""
 
 import argparse
 import json
@@ -8,10 +13,10 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 
@@ -20,31 +25,10 @@ from benchmarks.summary import summarise, write_markdown
 from wearscope.storage.tables import write_table, write_text
 from wearscope.storage.verdicts import read_verdict
 
+Case = Any
 Closer = Callable[[Path, Path], Any]
 TIME_LIMIT = 300.0
 """Wall time that closing the loop on one case may take [s]."""
-
-
-class Case(Protocol):
-    """A data set of which the truth is known."""
-
-    @property
-    def name(self) -> str:
-        """Name of the data set, the same for the same case."""
-
-    @property
-    def axes(self) -> Mapping[str, Any]:
-        """Value of every axis of the regime."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of what is drawn."""
-
-    def tell(self) -> str:
-        """The regime and the plants in a few words."""
-
-    def make(self, folder: Path) -> dict[str, Any]:
-        """Write the data set and return its truth, as `scoring.score_case` takes it."""
 
 
 def close_light(dataset: Path, out_dir: Path) -> Any:

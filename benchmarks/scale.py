@@ -1,9 +1,9 @@
 """Large studies, planned dry: jobs, files, bytes, core-hours, and how far a plan of Snakemake gets.
 
-    .venv/bin/python benchmarks/scale.py                                     dry runs of some studies
-    .venv/bin/python benchmarks/scale.py --dry --results results/quick       the table of large studies alone
-    .venv/bin/python benchmarks/scale.py --dry --run 1x100 1x1000            run some
-    .venv/bin/python benchmarks/scale.py --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
+    .venv/bin/python -m benchmarks.scale                                     dry runs of some studies
+    .venv/bin/python -m benchmarks.scale --dry --results results/quick       the table of large studies alone
+    .venv/bin/python -m benchmarks.scale --dry --run 1x100 1x1000            run some
+    .venv/bin/python -m benchmarks.scale --dry --run 1x60 1x120 --partitions 10x1000 --cores 2 --in FOLDER
                                                                              predict one, divided, and run it
 
 Dry runs are `snakemake -n` on this machine, with jobs as long as in the cluster profiles; one that takes more
@@ -15,7 +15,6 @@ then to the report. In `--in` they go on where they were ended, and what is fini
 """
 
 import argparse
-import csv
 import os
 import re
 import subprocess
@@ -26,8 +25,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from large_studies import ROOT, check_plan, write_study
+import psutil
 
+from benchmarks.large_studies import ROOT, check_plan, read_jobs, write_study
 from wearscope.config import PartitionSettings
 
 SECONDS, GIBIBYTES = 120, 2
@@ -70,50 +70,28 @@ def dry_run(folder: Path, study: Path) -> DryRun:
     command = [sys.executable, "-m", "snakemake", "-n", "--quiet", "rules", "--cores", "1"]
     command += ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(study)]
     out = folder / "dry.txt"
-    start, peak, processor, queued, why = time.perf_counter(), 0.0, 0.0, 0.0, ""
+    start, queued, why = time.perf_counter(), 0.0, ""
     with open(out, "wb") as text:
-        process = subprocess.Popen(command, cwd=folder, stdout=text, stderr=subprocess.STDOUT)
-        while process.poll() is None:
-            peak, spent = max(peak, read_memory(process.pid)), read_processor_time(process.pid)
-            if spent > SECONDS or peak > GIBIBYTES * 1024:
-                why = f"ended: over {SECONDS} s" if spent > SECONDS else f"ended: over {GIBIBYTES} GiB"
+        process = psutil.Popen(command, cwd=folder, stdout=text, stderr=subprocess.STDOUT)
+        while not os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG):
+            # How long a process was ready to run and had no processor, which psutil does not tell [ns].
+            waited = Path(f"/proc/{process.pid}/schedstat").read_text(encoding="utf-8").split()[1]
+            times, queued = process.cpu_times(), int(waited) / 1e9
+            if times.user + times.system > SECONDS:
+                why = f"ended: over {SECONDS} s"
+            if process.memory_info().rss > GIBIBYTES * 1024**3:
+                why = f"ended: over {GIBIBYTES} GiB"
+            if why:
                 process.kill()
-            processor, queued = max(processor, spent), max(queued, read_queued_time(process.pid))
             time.sleep(0.1)
+        _, status, used = os.wait4(process.pid, 0)
     elapsed = time.perf_counter() - start
     told = out.read_text(encoding="utf-8", errors="replace")
-    if process.returncode and not why:
+    if status and not why:
         sys.exit(f"the dry run failed:\n{told[-3000:]}")
     jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", told, re.MULTILINE)}
     jobs.pop("total", None)
-    return DryRun(elapsed, processor, queued, peak, jobs, why)
-
-
-def read_queued_time(pid: int) -> float:
-    """Time that a process was ready to run and had no processor [s]; 0 where it ended."""
-    try:
-        return int(Path(f"/proc/{pid}/schedstat").read_text(encoding="utf-8").split()[1]) / 1e9
-    except OSError:
-        return 0.0
-
-
-def read_processor_time(pid: int) -> float:
-    """Processor time of a process so far [s], which a busy machine hardly lengthens; 0 where it ended."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def read_memory(pid: int) -> float:
-    """Largest resident memory of a process so far [MiB]; 0 where it has ended."""
-    try:
-        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
-    except OSError:
-        return 0.0
-    found = re.search(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)
-    return int(found[1]) / 1024 if found else 0.0
+    return DryRun(elapsed, used.ru_utime + used.ru_stime, queued, used.ru_maxrss / 1024, jobs, why)
 
 
 def read_costs(results: Path) -> dict[str, float]:
@@ -125,16 +103,10 @@ def read_costs(results: Path) -> dict[str, float]:
         ``point_seconds`` and ``cell_seconds`` (test quantities, by point), ``check_seconds`` (by robot and
         test-cycle), ``screen_seconds`` (by robot), all processor time [s]; ``point_bytes`` of a recording.
     """
-    seconds: dict[str, float] = {}
-    jobs: dict[str, int] = {}
-    for file in results.glob("benchmarks/**/*.tsv"):
-        rule = file.relative_to(results / "benchmarks").parts[0].removesuffix(".tsv")
-        with open(file, encoding="utf-8") as text:
-            row = next(csv.DictReader(text, delimiter="\t"))
-        seconds[rule] = seconds.get(rule, 0.0) + float(row["cpu_time"])
-        jobs[rule] = jobs.get(rule, 0) + 1
+    jobs = read_jobs(results).groupby("rule")["cpu_time"]
+    seconds = jobs.sum()
     recordings = [file.stat().st_size for file in results.glob("traces/*/*/*/*/recording.parquet")]
-    if not recordings or not COUNTED <= seconds.keys():
+    if not recordings or not COUNTED <= {*seconds.index}:
         sys.exit(
             f"{results}: holds no finished study; run one, e.g. snakemake --configfile config/quick.yaml"
         )
@@ -147,7 +119,7 @@ def read_costs(results: Path) -> dict[str, float]:
         "point_seconds": seconds["simulate_points"] / len(recordings),
         "cell_seconds": seconds["compute_test_quantities"] / len(quantified),
         "check_seconds": seconds["check_cycles"] / len(list(results.glob("check/*/*.json"))),
-        "screen_seconds": seconds["screen_robot"] / jobs["screen_robot"],
+        "screen_seconds": jobs.mean()["screen_robot"],
         "point_bytes": sum(recordings) / len(recordings),
     }
 

@@ -1,7 +1,7 @@
 """What the simulation costs, and what a smaller step buys.
 
-    .venv/bin/python benchmarks/simulation.py                    all of it, a few minutes
-    .venv/bin/python benchmarks/simulation.py --robot large --cycle point_to_point
+    .venv/bin/python -m benchmarks.simulation                    all of it, a few minutes
+    .venv/bin/python -m benchmarks.simulation --robot large --cycle point_to_point
 
 Everything is timed in short turns in one process, and the fastest turn counts: other load on the machine then
 spoils neither side of a ratio for long.

@@ -1,7 +1,7 @@
 """What SLURM adds to a run: a study here, and as one job of a SLURM of one node started for it.
 
-    .venv/bin/python benchmarks/slurm.py                        the quick study, track
-    .venv/bin/python benchmarks/slurm.py track --cores 2 --repeats 3
+    .venv/bin/python -m benchmarks.slurm                        the quick study, track
+    .venv/bin/python -m benchmarks.slurm track --cores 2 --repeats 3
 
 Needs what `make cluster` installs and Debian's SLURM (docs/cluster.md). Each run has a copy of the tree of
 its own and begins with nothing; the bytes of the results are compared. The ways: `srun` starts Snakemake on

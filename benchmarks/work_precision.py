@@ -1,7 +1,7 @@
 """Work against precision: this simulation, MuJoCo and PyBullet as users write them, in one run side by side.
 
-    .venv/bin/python benchmarks/work_precision.py                     medium, point_to_point, five minutes
-    .venv/bin/python benchmarks/work_precision.py --robot large --figure docs/figures/work_precision
+    .venv/bin/python -m benchmarks.work_precision                     medium, point_to_point, five minutes
+    .venv/bin/python -m benchmarks.work_precision --robot large --figure docs/figures/work_precision
 
 All three follow the same motion under the same controller with the same friction, eq. (17), worn and with a
 payload error. The error is the RMS difference of the recorded torque, over its RMS, of the worst joint; the
@@ -26,8 +26,8 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pybullet
-from simulation import ROBOTS, WORN, step_bare, take_start, time_in_turns
 
+from benchmarks.simulation import ROBOTS, WORN, step_bare, take_start, time_in_turns
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.arrays import Law

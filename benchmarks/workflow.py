@@ -1,8 +1,8 @@
 """What a study takes, and what of it the workflow itself: seconds, processor seconds, memory of any job.
 
-    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py                    the default study
-    taskset -c 0,1 .venv/bin/python benchmarks/workflow.py --first            four detectors, full models only
-    .venv/bin/python benchmarks/workflow.py --configfile config/quick.yaml
+    taskset -c 0,1 .venv/bin/python -m benchmarks.workflow                    the default study
+    taskset -c 0,1 .venv/bin/python -m benchmarks.workflow --first            four detectors, full models only
+    .venv/bin/python -m benchmarks.workflow --configfile config/quick.yaml
 
 In a copy of the tree, what studies run is compiled as the set-up does; then the study is run from nothing,
 and once more with nothing to do, next to which Snakemake's own start is stated. Processor seconds are
@@ -12,7 +12,6 @@ time less the jobs' own time: starting processes, Snakemake itself, and cores th
 """
 
 import argparse
-import csv
 import os
 import subprocess
 import sys
@@ -23,10 +22,11 @@ from pathlib import Path
 
 import yaml
 
-ROOT = Path(__file__).parents[1]
+from benchmarks.large_studies import ROOT, read_jobs
+
 sys.path.insert(0, str(ROOT / "tests"))
 
-from clones import copy_tree  # noqa: E402
+from clones import copy_tree
 
 
 def write_first_study(file: Path) -> None:
@@ -62,18 +62,6 @@ def run_timed(
     return elapsed, own + system + children + their_system, own + system
 
 
-def read_jobs(results: Path) -> list[tuple[str, float, float, float]]:
-    """Rule, seconds, processor seconds and peak MiB of each job, from its benchmark file."""
-    jobs: list[tuple[str, float, float, float]] = []
-    for file in sorted(results.glob("*/benchmarks/**/*.tsv")):
-        parts = file.relative_to(results).parts[2:]
-        with open(file, encoding="utf-8") as text:
-            for row in csv.DictReader(text, delimiter="\t"):
-                seconds, processor, peak = map(float, row.values())
-                jobs.append((parts[0].removesuffix(".tsv"), seconds, processor, peak))
-    return jobs
-
-
 def main() -> None:
     """Run the study twice in a copy and print what it cost."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -95,16 +83,15 @@ def main() -> None:
         loads = f"load {load:.1f} before, {os.getloadavg()[0]:.1f} after"
         idle, planning, _ = run_timed(command, folder)
         _, starting, _ = run_timed([*command[:3], "--version"], folder)
-        jobs = read_jobs(folder / "results")
-        simulated = len(list((folder / "results").glob("*/traces/*/*/*/*/recording.parquet")))
-    total, used = sum(job[1] for job in jobs), sum(job[2] for job in jobs)
-    print(f"{'rule':28} {'jobs':>5} {'seconds':>9} {'longest':>9} {'processor':>9} {'peak MiB':>9}")
-    for rule in sorted({job[0] for job in jobs}):
-        seconds, busy, peaks = zip(*[job[1:] for job in jobs if job[0] == rule], strict=True)
-        print(
-            f"{rule:28} {len(seconds):5d} {sum(seconds):9.1f} {max(seconds):9.1f} {sum(busy):9.1f} "
-            f"{max(peaks):9.0f}"
-        )
+        (results,) = (file.parent for file in folder.glob("results/*/benchmarks"))
+        jobs = read_jobs(results)
+        simulated = len(list(results.glob("traces/*/*/*/*/recording.parquet")))
+    rules = jobs.groupby("rule").agg(
+        jobs=("s", "size"), seconds=("s", "sum"), longest=("s", "max"), processor=("cpu_time", "sum"),
+        peak_mib=("max_rss", "max"),
+    )  # fmt: skip
+    total, used = rules["seconds"].sum(), rules["processor"].sum()
+    print(rules.to_string(float_format="%.1f"))
     print(f"simulations           {simulated:9d}")
     print(f"compiled at set-up    {compiling:9.1f} s")
     print(f"elapsed on {given.cores} cores      {elapsed:9.1f} s, {loads}")

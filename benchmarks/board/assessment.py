@@ -7,8 +7,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from benchmarks.board.features import KEPT_RATE_HZ, Families, Track, make_track
-from benchmarks.board.separability import ONE_COEFFICIENT
-from benchmarks.board.truth import JointView
+from benchmarks.board.truth import ONE_COEFFICIENT, JointView
 
 if TYPE_CHECKING:
     from benchmarks.board.generate import Recording

@@ -28,8 +28,8 @@ from benchmarks.board.physics import (
 )
 from benchmarks.board.position_loop import react
 from benchmarks.board.recipe import Planted, Recipe, RunPlan, make_stream
-from benchmarks.board.separability import CONTAINED, accepted_names
 from benchmarks.board.terms import Term
+from benchmarks.board.truth import CONTAINED, accepted_names
 from wearscope.errors import InputError
 from wearscope.storage.tables import write_table, write_text
 
@@ -358,39 +358,34 @@ def _describe(
         parameters, form, extra = made.parameters(amplitude), made.form, made.extra
     else:
         parameters, form, extra = made.parameters(amplitude, machine), made.kind, dict(made.detail)
-    everywhere = plant.effect in WIDE
     accept = extra.get("accept", [])
     assert isinstance(accept, list)
-    return {
-        "effect": plant.effect,
+    entry = _start_entry(plant.effect, machine) | {
         "accepted": list(accepted_names(plant.effect)),
         "also_accepted": accept,
         "contains": list(CONTAINED.get(plant.effect, ())),
         "outside": plant.effect in OUTSIDE,
         "standard": plant.amplitude is not None,
         "joint": machine.joints[joint],
-        "joints": list(machine.joints) if everywhere else [machine.joints[joint]],
         "size": plant.size,
         "form": form,
         "parameters": {key: {"value": value, "unit": unit} for key, (value, unit) in parameters.items()},
         "extra": {key: value for key, value in extra.items() if key != "accept"},
     }
+    return entry if plant.effect in WIDE else entry | {"joints": [machine.joints[joint]]}
+
+
+def _start_entry(effect: str, machine: Machine) -> dict[str, Any]:
+    return {
+        "effect": effect, "accepted": [effect], "also_accepted": [], "contains": [], "outside": False,
+        "standard": True, "joint": machine.joints[0], "joints": list(machine.joints), "size": np.nan,
+        "form": "inverse dynamics", "parameters": {}, "extra": {},
+    }  # fmt: skip
 
 
 def _describe_rigid_body(machine: Machine) -> dict[str, Any]:
     """Entry of a rigid body that nobody declared; a slide's and a single upright axis's is an inertia."""
     alike = ["rotor_inertia", "rotor_inertia_error"] if len(machine.joints) == 1 else []
-    return {
-        "effect": "rigid_body",
-        "accepted": ["rigid_body"],
-        "also_accepted": [*alike, "inertial_error", "payload_error"],
-        "contains": [],
-        "outside": False,
-        "standard": True,
-        "joint": machine.joints[0],
-        "joints": list(machine.joints),
-        "size": np.nan,
-        "form": "inverse dynamics",
-        "parameters": {},
-        "extra": {},
+    return _start_entry("rigid_body", machine) | {
+        "also_accepted": [*alike, "inertial_error", "payload_error"]
     }

@@ -1,6 +1,6 @@
 """The board's own machines: URDF texts, drive trains and limits, written apart from `wearscope.robots`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -55,39 +55,41 @@ class Body:
         return np.ascontiguousarray(torque.reshape(q.shape[1], len(q)).T)
 
 
-def _link(name: str, mass: float, com: str, inertia: tuple[float, float, float]) -> str:
-    x, y, z = inertia
-    return (
-        f'  <link name="{name}"><inertial><origin xyz="{com}" rpy="0 0 0"/><mass value="{mass}"/>'
-        f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>\n'
-    )
+def _write_urdf(name: str, base: str, kind: str, rows: tuple[tuple, ...]) -> str:
+    """URDF text of a chain; a row is a joint, its place and axis, its link, mass, centre and inertias."""
+    parts, parent = [f'<?xml version="1.0"?>\n<robot name="{name}">\n  <link name="{base}"/>\n'], base
+    for joint, place, axis, link, mass, centre, (x, y, z) in rows:
+        parts.append(
+            f'  <link name="{link}"><inertial><origin xyz="{centre}" rpy="0 0 0"/><mass value="{mass}"/>'
+            f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>\n'
+            f'  <joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{link}"/>'
+            f'<origin xyz="{place}" rpy="0 0 0"/><axis xyz="{axis}"/>'
+            '<limit lower="-6.3" upper="6.3" effort="20000" velocity="10"/></joint>\n'
+        )
+        parent = link
+    return "".join([*parts, "</robot>\n"])
 
 
-def _joint(name: str, parent: str, child: str, xyz: str, axis: str, kind: str = "revolute") -> str:
-    return (
-        f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>'
-        '<limit lower="-6.3" upper="6.3" effort="20000" velocity="10"/></joint>\n'
-    )
+_ARM6 = (
+    ("j1", "0 0 0.21", "0 0 1", "column", 82.0, "0.05 0.01 0.17", (1.9, 2.1, 1.6)),
+    ("j2", "0.16 0 0.28", "0 1 0", "boom", 44.0, "0.02 -0.04 0.36", (3.1, 3.0, 0.45)),
+    ("j3", "0 0 0.78", "0 1 0", "elbow", 36.0, "0.06 0.02 0.08", (0.62, 0.9, 0.81)),
+    ("j4", "0.19 0 0.14", "1 0 0", "forearm", 14.5, "0.31 0.0 0.0", (0.07, 0.55, 0.54)),
+    ("j5", "0.62 0 0", "0 1 0", "wrist", 4.6, "0.02 0.0 0.01", (0.013, 0.019, 0.017)),
+    ("j6", "0.09 0 0", "1 0 0", "flange", 1.1, "0.015 0.002 0.0", (0.0012, 0.0008, 0.0008)),
+)
+_ARM3 = (
+    ("waist", "0 0 0.15", "0 0 1", "turret", 18.0, "0.0 0.02 0.11", (0.21, 0.2, 0.12)),
+    ("shoulder", "0 0.08 0.19", "0 1 0", "upper", 9.5, "0.21 0.0 0.02", (0.02, 0.17, 0.17)),
+    ("elbow", "0.45 0 0", "0 1 0", "fore", 5.2, "0.16 0.01 0.0", (0.008, 0.062, 0.061)),
+)
+_STAGE = (("slide", "0 0 0.3", "1 0 0", "carriage", 62.0, "0 0 0.05", (0.8, 0.9, 1.1)),)
 
 
-def _arm6() -> Machine:
-    urdf = '<?xml version="1.0"?>\n<robot name="arm6">\n  <link name="base"/>\n'
-    urdf += _link("column", 82.0, "0.05 0.01 0.17", (1.9, 2.1, 1.6))
-    urdf += _link("boom", 44.0, "0.02 -0.04 0.36", (3.1, 3.0, 0.45))
-    urdf += _link("elbow", 36.0, "0.06 0.02 0.08", (0.62, 0.9, 0.81))
-    urdf += _link("forearm", 14.5, "0.31 0.0 0.0", (0.07, 0.55, 0.54))
-    urdf += _link("wrist", 4.6, "0.02 0.0 0.01", (0.013, 0.019, 0.017))
-    urdf += _link("flange", 1.1, "0.015 0.002 0.0", (0.0012, 0.0008, 0.0008))
-    urdf += _joint("j1", "base", "column", "0 0 0.21", "0 0 1")
-    urdf += _joint("j2", "column", "boom", "0.16 0 0.28", "0 1 0")
-    urdf += _joint("j3", "boom", "elbow", "0 0 0.78", "0 1 0")
-    urdf += _joint("j4", "elbow", "forearm", "0.19 0 0.14", "1 0 0")
-    urdf += _joint("j5", "forearm", "wrist", "0.62 0 0", "0 1 0")
-    urdf += _joint("j6", "wrist", "flange", "0.09 0 0", "1 0 0")
-    return Machine(
+def _list_machines() -> Iterator[Machine]:
+    yield Machine(
         name="arm6",
-        urdf=urdf + "</robot>\n",
+        urdf=_write_urdf("arm6", "base", "revolute", _ARM6),
         joints=("j1", "j2", "j3", "j4", "j5", "j6"),
         prismatic=(False,) * 6,
         rotor_inertia=(19.0, 31.0, 11.0, 1.4, 1.1, 0.5),
@@ -101,19 +103,9 @@ def _arm6() -> Machine:
         payload_mass=11.0,
         payload_com=(0.14, 0.03, 0.06),
     )
-
-
-def _arm3() -> Machine:
-    urdf = '<?xml version="1.0"?>\n<robot name="arm3">\n  <link name="base"/>\n'
-    urdf += _link("turret", 18.0, "0.0 0.02 0.11", (0.21, 0.2, 0.12))
-    urdf += _link("upper", 9.5, "0.21 0.0 0.02", (0.02, 0.17, 0.17))
-    urdf += _link("fore", 5.2, "0.16 0.01 0.0", (0.008, 0.062, 0.061))
-    urdf += _joint("waist", "base", "turret", "0 0 0.15", "0 0 1")
-    urdf += _joint("shoulder", "turret", "upper", "0 0.08 0.19", "0 1 0")
-    urdf += _joint("elbow", "upper", "fore", "0.45 0 0", "0 1 0")
-    return Machine(
+    yield Machine(
         name="arm3",
-        urdf=urdf + "</robot>\n",
+        urdf=_write_urdf("arm3", "base", "revolute", _ARM3),
         joints=("waist", "shoulder", "elbow"),
         prismatic=(False,) * 3,
         rotor_inertia=(1.9, 2.3, 0.8),
@@ -127,15 +119,9 @@ def _arm3() -> Machine:
         payload_mass=3.0,
         payload_com=(0.33, 0.0, 0.02),
     )
-
-
-def _stage() -> Machine:
-    urdf = '<?xml version="1.0"?>\n<robot name="stage">\n  <link name="bed"/>\n'
-    urdf += _link("carriage", 62.0, "0 0 0.05", (0.8, 0.9, 1.1))
-    urdf += _joint("slide", "bed", "carriage", "0 0 0.3", "1 0 0", "prismatic")
-    return Machine(
+    yield Machine(
         name="stage",
-        urdf=urdf + "</robot>\n",
+        urdf=_write_urdf("stage", "bed", "prismatic", _STAGE),
         joints=("slide",),
         prismatic=(True,),
         rotor_inertia=(38.0,),
@@ -149,7 +135,7 @@ def _stage() -> Machine:
     )
 
 
-MACHINES: dict[str, Machine] = {machine.name: machine for machine in (_arm6(), _arm3(), _stage())}
+MACHINES: dict[str, Machine] = {machine.name: machine for machine in _list_machines()}
 
 
 def find_machine(name: str) -> Machine:

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import beta
 
 from benchmarks.board.regimes import list_cases
-from benchmarks.board.separability import CONTAINED
+from benchmarks.board.truth import CONTAINED
 from benchmarks.runner import failed_result, run_cases, write_results
 from benchmarks.scoring import score_case
 from benchmarks.summary import SCORES, tell_share

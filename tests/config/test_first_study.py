@@ -1,4 +1,4 @@
-"""The study that `benchmarks/workflow.py --first` times is the default study as it stood at first."""
+"""The study that `benchmarks.workflow --first` times is the default study as it stood at first."""
 
 import yaml
 
