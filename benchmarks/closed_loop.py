@@ -26,7 +26,7 @@ import pandas as pd
 import yaml
 
 from benchmarks.board.generate import generate_dataset
-from benchmarks.board.machines import MACHINES
+from benchmarks.board.machines import MACHINES, write_chain
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
@@ -74,18 +74,13 @@ def make_plans(runs):
 
 def make_urdf(n):
     """A serial arm with axes in turn upright and level, lighter towards its end."""
-    parts = ['<robot name="chain"><link name="l0"/>']
+    rows = []
     for k in range(1, n + 1):
         mass, arm = 8.0 * 0.7**k, 0.3 * 0.9**k
         moment = mass * arm**2 / 6
-        parts.append(
-            f'<link name="l{k}"><inertial><origin xyz="0.02 0 {arm / 2}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment / 2}" ixy="0" ixz="0" iyz="0"/></inertial>'
-            f'</link><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
-            f'<origin xyz="0 0 {arm}"/><axis xyz="0 {k % 2} {1 - k % 2}"/>'
-            '<limit lower="-6" upper="6" effort="500" velocity="9"/></joint>'
-        )
-    return "".join([*parts, "</robot>"])
+        axis, centre = f"0 {k % 2} {1 - k % 2}", f"0.02 0 {arm / 2}"
+        rows.append((f"j{k}", f"0 0 {arm}", axis, f"l{k}", mass, centre, (moment, moment, moment / 2)))
+    return write_chain("chain", "l0", "revolute", rows)
 
 
 def make_long_runs(place, runs, seconds, rate, n):

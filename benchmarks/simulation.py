@@ -1,4 +1,4 @@
-"""What the simulation costs, and what a smaller step buys.
+"""What the simulation costs; `benchmarks.work_precision` says what a smaller step buys.
 
     .venv/bin/python -m benchmarks.simulation                    all of it, a few minutes
     .venv/bin/python -m benchmarks.simulation --robot large --cycle point_to_point
@@ -80,33 +80,6 @@ def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[s
     }
 
 
-def measure_precision(model: RobotModel, cycle: str, steps: list[float], seconds: float) -> list[dict]:
-    """Torque error, relative RMS by joint, against half the smallest step, and the time a run takes."""
-    recordings, costs = {}, {}
-    for step in [*steps, 0.5 * min(steps)]:
-        reference = take_start(load_cycle(cycle).build(model, 0.05, step), seconds)
-        with Simulator(model, sample_rate=125.0) as simulator:
-            simulator.run(reference, WORN, None)
-            start = time.perf_counter()
-            recordings[step] = simulator.run(reference, WORN, None)
-            costs[step] = time.perf_counter() - start
-    exact = recordings.pop(0.5 * min(steps)).tau
-    table = []
-    for step, recording in recordings.items():
-        rows = min(len(exact), len(recording.tau))
-        off = np.sqrt(np.mean((recording.tau[:rows] - exact[:rows]) ** 2, axis=0))
-        share = off / np.sqrt(np.mean(exact[:rows] ** 2, axis=0))
-        table.append(
-            {
-                "step_ms": 1e3 * step,
-                "torque_error_percent_mean": 100.0 * float(np.mean(share)),
-                "torque_error_percent_worst_joint": 100.0 * float(np.max(share)),
-                "seconds_per_robot_second": costs[step] / seconds,
-            }
-        )
-    return table
-
-
 def main() -> None:
     """Print the figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -122,10 +95,7 @@ def main() -> None:
         reference = load_cycle(options.cycle).build(model, 0.05, options.step)
         if options.seconds is not None:
             reference = take_start(reference, options.seconds)
-        figures[name] = {
-            "speed": measure_speed(model, reference, options.turns),
-            "precision": measure_precision(model, options.cycle, [4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4], 6.0),
-        }
+        figures[name] = measure_speed(model, reference, options.turns)
     print(json.dumps(figures, indent=2))
 
 

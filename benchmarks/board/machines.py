@@ -55,7 +55,7 @@ class Body:
         return np.ascontiguousarray(torque.reshape(q.shape[1], len(q)).T)
 
 
-def _write_urdf(name: str, base: str, kind: str, rows: tuple[tuple, ...]) -> str:
+def write_chain(name: str, base: str, kind: str, rows: tuple[tuple, ...]) -> str:
     """URDF text of a chain; a row is a joint, its place and axis, its link, mass, centre and inertias."""
     parts, parent = [f'<?xml version="1.0"?>\n<robot name="{name}">\n  <link name="{base}"/>\n'], base
     for joint, place, axis, link, mass, centre, (x, y, z) in rows:
@@ -89,7 +89,7 @@ _STAGE = (("slide", "0 0 0.3", "1 0 0", "carriage", 62.0, "0 0 0.05", (0.8, 0.9,
 def _list_machines() -> Iterator[Machine]:
     yield Machine(
         name="arm6",
-        urdf=_write_urdf("arm6", "base", "revolute", _ARM6),
+        urdf=write_chain("arm6", "base", "revolute", _ARM6),
         joints=("j1", "j2", "j3", "j4", "j5", "j6"),
         prismatic=(False,) * 6,
         rotor_inertia=(19.0, 31.0, 11.0, 1.4, 1.1, 0.5),
@@ -105,7 +105,7 @@ def _list_machines() -> Iterator[Machine]:
     )
     yield Machine(
         name="arm3",
-        urdf=_write_urdf("arm3", "base", "revolute", _ARM3),
+        urdf=write_chain("arm3", "base", "revolute", _ARM3),
         joints=("waist", "shoulder", "elbow"),
         prismatic=(False,) * 3,
         rotor_inertia=(1.9, 2.3, 0.8),
@@ -121,7 +121,7 @@ def _list_machines() -> Iterator[Machine]:
     )
     yield Machine(
         name="stage",
-        urdf=_write_urdf("stage", "bed", "prismatic", _STAGE),
+        urdf=write_chain("stage", "bed", "prismatic", _STAGE),
         joints=("slide",),
         prismatic=(True,),
         rotor_inertia=(38.0,),
