@@ -140,13 +140,18 @@ class Content:
             raise InputError(f"{settings}: holds no settings; delete it, or run the study again.")
         return found
 
+    def find_setting(self, section: str, code: str, key: str) -> str | None:
+        """What the settings say of a detector or factor; None where they do not."""
+        try:
+            one = self.describe("config")[section][code]
+            return str(one[key] if isinstance(one, Mapping) else one)
+        except (KeyError, TypeError):
+            return None
+
     def name_detector(self, code: str, name: Callable[[str, str], str]) -> str:
         """A detector by what it is called; by its code where the settings have none."""
-        try:
-            one = self.describe("config")["detectors"][code]
-            return name(code, str(one["use"] if isinstance(one, Mapping) else one))
-        except (KeyError, TypeError):
-            return code
+        use = self.find_setting("detectors", code, "use")
+        return code if use is None else name(code, use)
 
     def read(self, name: str) -> bytes:
         """Content of a file."""
@@ -183,7 +188,8 @@ def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Ite
                 raise InputError(f"{told}; run the study again.") from None
             named = {key: str(row[key]) for key in keys}
             if "factor" in named:
-                named["factor"] = _name_factor(content, named["factor"])
+                described = content.find_setting("factors", named["factor"], "description")
+                named["factor"] = described or named["factor"]
             if "fda" in named:
                 named["fda"] = content.name_detector(named["fda"], name_detector)
             if "axis" in named:
@@ -192,14 +198,6 @@ def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Ite
     for name in sorted(content.digests):
         if PurePosixPath(name).name == "verdict.json":
             yield from _conclude_loop(content, name)
-
-
-def _name_factor(content: Content, code: str) -> str:
-    """A factor by its description, by its code where the settings have none."""
-    try:
-        return str(content.describe("config")["factors"][code]["description"])
-    except (KeyError, TypeError):
-        return code
 
 
 def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:

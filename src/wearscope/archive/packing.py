@@ -194,7 +194,7 @@ class _Header(tarfile.TarInfo):
         return super()._proc_member(tar)  # type: ignore[misc]
 
 
-def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[bytes]]]]) -> None:
+def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[Any]]]]) -> None:
     """Write an uncompressed tar.
 
     Parameters
@@ -275,9 +275,7 @@ def extract_archive(path: str | Path, folder: Path) -> None:
 def read_member(path: str | Path, name: str) -> bytes:
     """Content of one file of an archive that `walk_archive` found good."""
     with tarfile.open(path, "r:") as tar:
-        file = tar.extractfile(name)
-        assert file is not None
-        return file.read()
+        return bytes(_open_member(tar, name).read())
 
 
 def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
@@ -288,12 +286,12 @@ def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
         raise InputError(
             f"{path}: {MANIFEST} is larger than {limits.MANIFEST_BYTES / 1e6:g} MB; get the file again."
         )
-    content = _read_small(tar, first)
+    content = _open_member(tar, first).read()
     manifest = parse_manifest(content, str(path))
     if manifest.format > 1:
         second = tar.next()
         good = second is not None and second.name == CHECKSUM and _is_plain(second) and second.size < 200
-        wanted = _read_small(tar, second) if good and second is not None else b""
+        wanted = _open_member(tar, second).read() if good and second is not None else b""
         if wanted != describe_checksum(content):
             raise InputError(
                 f"{path}: {MANIFEST} is not what was packed (its checksum differs); get the file again."
@@ -310,19 +308,16 @@ def _check_content(tar: tarfile.TarFile, member: tarfile.TarInfo, entry: FileEnt
             f"{path}: {name} is not what was packed (its size is {member.size}, not {entry.bytes}); get the "
             "file again."
         )
-    file = tar.extractfile(member)
-    assert file is not None
-    digest = hashlib.sha256()
-    while block := file.read(_BLOCK):
-        digest.update(block)
+    digest = hashlib.file_digest(_open_member(tar, member), "sha256")
     if digest.hexdigest() != entry.sha256:
         raise InputError(f"{path}: {name} is not what was packed (its checksum differs); get the file again.")
 
 
-def _read_small(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+def _open_member(tar: tarfile.TarFile, member: tarfile.TarInfo | str) -> Any:
+    """Content of a plain file in an archive."""
     file = tar.extractfile(member)
     assert file is not None
-    return file.read()
+    return file
 
 
 def _is_plain(member: tarfile.TarInfo) -> bool:
@@ -336,11 +331,6 @@ def _check_end(path: Path, end: int) -> None:
         while block := file.read(_BLOCK):
             if block.strip(b"\0"):
                 raise InputError(f"{path}: something follows its end; get the file again.")
-
-
-def as_content(content: bytes) -> Callable[[], IO[bytes]]:
-    """Bytes as `write_tar` takes the content of a member."""
-    return lambda: io.BytesIO(content)
 
 
 def pack_study(
@@ -403,11 +393,11 @@ def pack_study(
     manifest = parse_manifest(text, str(path))
     checksum = describe_checksum(text)
 
-    def members() -> Iterator[tuple[str, int, Callable[[], IO[bytes]]]]:
+    def members() -> Iterator[tuple[str, int, Callable[[], IO[Any]]]]:
         for name, content in ((MANIFEST, text), (CHECKSUM, checksum), (CONFIG, settings)):
-            yield name, len(content), as_content(content)
+            yield name, len(content), partial(io.BytesIO, content)
         for done, name in enumerate(names, start=1):
-            yield name, entries[name].bytes, partial(_open, folder / name)
+            yield name, entries[name].bytes, partial((folder / name).open, "rb")
             if report is not None and (done % 500 == 0 or done == len(names)):
                 report(f"{done}/{len(names)} files packed")
 
@@ -531,10 +521,6 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     outputs = [name for name in manifest.files if not name.startswith(left)]
     record_checksums(place, [place / name for name in outputs], write=write_new)
     return refused
-
-
-def _open(path: Path) -> IO[bytes]:
-    return open(path, "rb")
 
 
 def _describe(content: bytes) -> FileEntry:

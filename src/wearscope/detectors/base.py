@@ -3,22 +3,15 @@
 Signals that several detectors derive from a recording are computed once a batch.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-import numpy as np
-from scipy.linalg import lstsq
-from scipy.ndimage import convolve1d
-
-if TYPE_CHECKING:
-    from wearscope.robots.model import RobotModel
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, ValidationError
+from scipy.linalg import lstsq
+from scipy.ndimage import convolve1d
 
 from wearscope import plugins
 from wearscope.errors import InputError, explain_breach, tell_error

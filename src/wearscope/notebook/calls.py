@@ -3,17 +3,26 @@
 A result is shown as a short text, a table with units, and plots on axes of one's own.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from wearscope.designs.factors import PAPER_FACTORS
+from wearscope.detectors.questions import DetectorSpec
 from wearscope.errors import InputError
 from wearscope.reporting.labels import effect_name, parameter_name, unit_text
 from wearscope.reporting.style import PALETTE, new_figure
+from wearscope.starters.conversion import convert_recordings
+from wearscope.starters.dataset import write_dataset
+from wearscope.starters.mapped import Mapped
+from wearscope.storage.tables import read_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,19 +31,6 @@ if TYPE_CHECKING:
     from wearscope.detection.judgement import Detection
     from wearscope.notebook.model_errors import ModelErrors
 
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import fields
-from pathlib import Path
-from typing import TypeAlias
-
-from wearscope.designs.factors import PAPER_FACTORS
-from wearscope.detectors.questions import DetectorSpec
-from wearscope.starters.conversion import convert_recordings
-from wearscope.starters.dataset import write_dataset
-from wearscope.starters.mapped import Mapped
-from wearscope.storage.tables import read_table
 
 #: Unit of a column whose rows have units of their own.
 OWN_UNIT = "as the column unit says"
@@ -49,6 +45,13 @@ def with_units(table: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
 def take_axes(ax: "Axes | None", width: float = 7.0, height: float = 4.0) -> "Axes":
     """The caller's axes, or new ones."""
     return new_figure(width, height).subplots() if ax is None else ax
+
+
+def check_known(what: str, asked: str | None, known: Iterable[str]) -> None:
+    """Refuse a plot of something that is not there; None asks for nothing."""
+    known = list(known)
+    if asked is not None and asked not in known:
+        raise InputError(f"plot: there is no {what} '{asked}'; there are {', '.join(known)}.")
 
 
 class Shown:
@@ -145,8 +148,7 @@ class DiagnosisResult(Shown):
         if kind not in ("errors", "residual"):
             raise InputError(f"plot: there is no '{kind}'; choose errors or residual.")
         errors = self.errors()
-        if joint is not None and joint not in set(errors["joint"]):
-            raise InputError(f"plot: there is no joint '{joint}'; there are {', '.join(errors['joint'])}.")
+        check_known("joint", joint, errors["joint"])
         ax = take_axes(ax)
         if kind == "errors":
             place = np.arange(len(errors))
@@ -222,8 +224,7 @@ class TrackingResult(Shown):
         known = list(dict.fromkeys(self.changes["joint"]))
         changed = list(self.summary()["joint"])
         joint = joint or (changed or known)[-1 if changed else 0]
-        if joint not in known:
-            raise InputError(f"plot: there is no joint '{joint}'; there are {', '.join(known)}.")
+        check_known("joint", joint, known)
         rows = self.changes[self.changes["joint"] == joint]
         sessions = list(dict.fromkeys(self.changes["session"]))
         ax = take_axes(ax)
@@ -271,8 +272,7 @@ class DetectionResult(Shown):
         """
         rows = self.summary()
         known = list(dict.fromkeys(rows["fda"]))
-        if detector is not None and detector not in known:
-            raise InputError(f"plot: there is no detector '{detector}'; there are {', '.join(known)}.")
+        check_known("detector", detector, known)
         rows = rows[rows["fda"] == (detector or known[0])] if known else rows
         ax = take_axes(ax)
         for k, (joint, own) in enumerate(rows.groupby("joint", sort=False)):

@@ -207,15 +207,11 @@ def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
     return told == kind and not _SERVO["on"] & set(words)
 
 
-def _contains(words: Sequence[str], part: Sequence[str]) -> bool:
-    return any(list(words[k : k + len(part)]) == list(part) for k in range(len(words) - len(part) + 1))
-
-
-def _remove(words: Sequence[str], part: Sequence[str]) -> list[str]:
-    for k in range(len(words) - len(part) + 1):
-        if list(words[k : k + len(part)]) == list(part):
-            return [*words[:k], *words[k + len(part) :]]
-    return list(words)
+def _take_out(words: Sequence[str], part: Sequence[str]) -> list[str] | None:
+    """Words without a part of them; None where it is no part."""
+    places = range(len(words) - len(part) + 1)
+    k = next((k for k in places if list(words[k : k + len(part)]) == list(part)), None)
+    return None if k is None else [*words[:k], *words[k + len(part) :]]
 
 
 def find_groups(
@@ -242,11 +238,13 @@ def find_groups(
     for column in columns:
         words = split_name(_without_unit(column, kind))
         matches = [
-            (len(name), k, name) for k, own in enumerate(names) for name in own if _contains(words, name)
+            (len(name), k, without)
+            for k, own in enumerate(names)
+            for name in own
+            if (without := _take_out(words, name)) is not None
         ]
         if matches:
-            _, best, name = max(matches, key=lambda one: one[0])
-            without = _remove(words, name)
+            _, best, without = max(matches, key=lambda one: one[0])
             if _is_kind(without, kind, column):
                 by_name.setdefault(tuple(without), {})[best] = column
         numbers = [word for word in words if word.isdigit()]
@@ -340,7 +338,7 @@ def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
         joint
         for joint, name in own.items()
         if any(
-            _contains(one, name) and _is_kind(_remove(one, name), "position", column)
+            (without := _take_out(one, name)) is not None and _is_kind(without, "position", column)
             for column, one in words.items()
         )
     ]
