@@ -6,11 +6,11 @@ FOLDER is a data set, or a `--keep` folder of `benchmarks.board` with many. Each
 is, then
 
 - with the torque's cut-off 30 % lower and 30 % higher,
-- with every other training run, where there are four or more,
-- with a spring of a tenth of the torque (RMS) added at one joint; names at the other joints are compared.
+- with every other training run, where there are four or more.
 
 A name is kept if the other verdict has it at the same joint, or an effect of its set of equivalents there, or
-a name there whose set holds it. Printed: a line a change, then the share of names that changed, by kind.
+a name there whose set holds it. Printed: a line a change, then the share of names that changed, by kind. What
+a torque that is added at one joint does to names at others, `benchmarks.added` says.
 """
 
 import argparse
@@ -23,7 +23,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-import pandas as pd
 
 from benchmarks.recorded import Recorded, find_datasets
 from benchmarks.summary import tell_counts
@@ -31,8 +30,6 @@ from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.intake import preprocessing
 
 FACTORS = (0.7, 1.3)
-SPRING = 0.1
-"""Torque of the added spring over the joint's (RMS)."""
 
 
 def diagnose_at(folder: Path, cutoff: float) -> dict[str, Any]:
@@ -50,18 +47,6 @@ def halve(data: Recorded) -> Recorded | None:
     kept = [run for run in data.fields["runs"] if run not in train[1::2]]
     other.fields = data.fields | {"runs": kept}
     return other
-
-
-def add_spring(data: Recorded, joint: str) -> Recorded:
-    """The data set in which a joint's torque has a spring about its middle position."""
-    q, tau = data.pool(f"q_{joint}"), data.pool(f"tau_{joint}")
-    middle = float(np.nanmean(q))
-    stiffness = SPRING * float(np.sqrt(np.nanmean(tau**2))) / float(np.nanstd(q))
-
-    def add(table: pd.DataFrame) -> None:
-        table[f"tau_{joint}"] += stiffness * (table[f"q_{joint}"] - middle)
-
-    return data.change(add)
 
 
 def list_changes(
@@ -94,15 +79,10 @@ def vary(folder: Path, place: Path) -> Iterator[tuple[str, int, list[str]]]:
     for factor in FACTORS:
         other = diagnose_at(folder, factor * plain["band"]["torque_hz"])
         yield f"cut-off x {factor:g}", *list_changes(plain, other)
-    data = Recorded(folder)
-    half = halve(data)
+    half = halve(Recorded(folder))
     if half is not None:
         verdict = diagnose(half.write(place / "half")).verdict
         yield "half of the runs", *list_changes(plain, verdict)
-    if len(data.joints) > 1:
-        joint = data.joints[len(folder.name) % len(data.joints)]
-        verdict = diagnose(add_spring(data, joint).write(place / "spring")).verdict
-        yield "spring at another joint", *list_changes(plain, verdict, joint)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -59,8 +59,7 @@ def assess_entries(
 ) -> None:  # fmt: skip
     """Add to every entry, in place, what its plant is worth and whether it can be found and told apart.
 
-    `measured_size`, `unabsorbed_size`, `findable_size`, `times_findable`, `separable`, `rivals`,
-    `absorbed_share`, `own_left`; see `truth`.
+    `measured_size`, `unabsorbed_size`, `findable_size`, `times_findable`, `separable`, `rivals`; see `truth`.
 
     Parameters
     ----------
@@ -139,7 +138,6 @@ def assess_entries(
             entry["joint"] = machine.joints[best]
         entry["measured_size"] = float(ratio[best])
         entry["unabsorbed_size"] = found["unabsorbed"] / float(sigma[best])
-        entry["absorbed_share"], entry["own_left"] = found["absorbed_share"], found["own_left"]
         entry["findable_size"] = found["findable"] * entry["measured_size"]
         entry["times_findable"] = 1.0 / found["findable"]
         entry["rivals"] = rivals

@@ -1,8 +1,7 @@
-"""Makes measured-data folders with planted truth, and seals the truth outside of them."""
+"""Makes measured-data folders with planted truth, which stays outside of them."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from benchmarks.board.recipe import Planted, Recipe, RunPlan, make_stream
 from benchmarks.board.terms import Term
 from benchmarks.board.truth import CONTAINED, accepted_names
 from wearscope.errors import InputError
-from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 
@@ -222,7 +220,6 @@ def generate_dataset(
     planted: Sequence[Planted],
     seed: int,
     recipe: Recipe | None = None,
-    truth_path: str | Path | None = None,
 ) -> dict[str, Any]:
     """Write a measured-data folder with planted effects; the truth stays out of it.
 
@@ -236,10 +233,6 @@ def generate_dataset(
         Empty for a null.
     seed : int
     recipe : Recipe, optional
-    truth_path : path-like, optional
-        Where the truth is sealed as JSON; next to it, ``<stem>.signals.parquet`` holds the noiseless torque
-        (`clean_<joint>`), the noise (`noise_<joint>`), the plants' torque (`effect_<joint>`) and the
-        positions as recorded (`position_<joint>`) by run.
 
     Returns
     -------
@@ -247,7 +240,8 @@ def generate_dataset(
         `dataset`, `robot`, `seed`, `joints`, `unit`, `noise`, `noise_rms` (by joint), `declared`, `planted`
         (a list with `effect`, `accepted`, `also_accepted`, `contains`, `joint`, `joints`, `outside`,
         `standard`, `size`, `measured_size`, `parameters`, `form` and what `assessment.assess_entries`
-        adds) and `signals` (a mapping of columns; not in the JSON).
+        adds) and `signals`: noiseless torque (`clean_<joint>`), noise (`noise_<joint>`), the plants' torque
+        (`effect_<joint>`) and positions as recorded (`position_<joint>`), by run.
 
     Raises
     ------
@@ -282,22 +276,18 @@ def generate_dataset(
         torques.append([recording.loads[number][every] for number in recording.pick_training()])
     separations = _separate_training(recording, actives, motions, behaviours, signals)
     assess_entries(entries, torques, recording, declared, separations, bool(with_temperature))
-    truth: dict[str, Any] = {
+    return {
         "dataset": Path(folder).name,
         "robot": machine.name,
         "seed": seed,
         "joints": list(machine.joints),
         "unit": machine.torque_unit(0),
-        "recipe": asdict(recipe) | {"plans": [asdict(plan) for plan in recipe.plans]},
         "noise": recipe.noise,
         "noise_rms": dict(zip(machine.joints, recording.sigma.tolist(), strict=True)),
         "declared": declared,
         "planted": entries,
+        "signals": signals,
     }
-    if truth_path is not None:
-        write_text(truth_path, json.dumps(truth, indent=1))
-        write_table(Path(truth_path).with_suffix(".signals.parquet"), signals)
-    return truth | {"signals": signals}
 
 
 def _run_all(

@@ -67,7 +67,7 @@ class Active:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """One run on the fine grid: motor-side `q`, `v`, `a`, torque `tau`, `declared` and `load`."""
+    """One run on the fine grid: motor-side `q`, `v`, `a`, torque `tau` and `declared`."""
 
     t: Array
     q: Array
@@ -75,7 +75,6 @@ class Behaviour:
     a: Array
     tau: Array
     declared: Array
-    load: Array
     temperature: Array
 
     @property
@@ -135,7 +134,7 @@ def _friction(setting: Setting, v: Array) -> Array:
     return setting.coulomb * np.tanh(v / setting.grain) + setting.viscous * v
 
 
-def _lost_motion(load: Array, t: Array, gap: float) -> Array:
+def _lost_motion(load: Array, gap: float) -> Array:
     """Motor ahead of the link by +-gap/2 with the load's sign, the gap crossed softly around reversal."""
     soft = 0.08 * float(np.sqrt(np.mean(load**2)))
     return 0.5 * gap * load / np.sqrt(load**2 + soft**2)
@@ -231,7 +230,7 @@ def behave(
         if plant.kind == "joint_elasticity":
             ahead[:, plant.joint] += amplitude * load[:, plant.joint]
         elif plant.kind == "backlash":
-            ahead[:, plant.joint] += _lost_motion(load[:, plant.joint], motion.t, amplitude)
+            ahead[:, plant.joint] += _lost_motion(load[:, plant.joint], amplitude)
     q, v, a, rigid = motion.q, motion.v, motion.a, load
     if np.any(ahead):
         step = motion.t[1] - motion.t[0]
@@ -247,7 +246,7 @@ def behave(
         elif plant.kind == "time_delay":
             tau[:, plant.joint] = np.interp(motion.t - amplitude, motion.t, column)
     declared = rigid + own if setting.rigid_declared else own
-    return Behaviour(motion.t, q, v, a, tau, declared, load, temperature)
+    return Behaviour(motion.t, q, v, a, tau, declared, temperature)
 
 
 def first_amplitude(plant: Term | Structural, machine: Machine) -> float:

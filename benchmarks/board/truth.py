@@ -243,17 +243,14 @@ class JointView:
         Returns
         -------
         dict
-            `unabsorbed` (RMS in the common band over all rows, rest counted as nothing), `band_noise`,
-            `absorbed_share`, `own_left`, `distance`, `critical`, `findable` (factor), `rivals` (name to
-            margin), `nearest` (coefficient or None).
+            `unabsorbed` (RMS in the common band over all rows, rest counted as nothing), `findable` (factor),
+            `rivals` (name to margin), `nearest` (coefficient or None).
         """
         pooled, pooled_others = self.families.pool(torque), [self.families.pool(other) for other in others]
         target = self._pad(pooled[self.rows][:, None])[:, 0]
-        whole = float(np.mean(target**2))
         columns = np.hstack([self.base, *(self._pad(x[self.rows][:, None]) for x in pooled_others)])
         basis = orthonormal(columns)
         kept = target - basis @ (basis.T @ target)
-        share = float(np.mean(kept**2)) / max(whole, 1e-300)
         found = self._find(pooled, pooled_others, columns)
         names = set(self.families.names())
         known = [name for name in accepted_names(effect) if name in names]
@@ -273,11 +270,6 @@ class JointView:
                 rivals[name] = round(margin, 4)
         return {
             "unabsorbed": float(np.sqrt(self.moving_share * np.mean(kept[: len(self.rows)] ** 2))),
-            "band_noise": float(np.sqrt(np.mean(self.noise**2))),
-            "absorbed_share": 1.0 - share,
-            "own_left": own_left,
-            "distance": found.distance,
-            "critical": found.critical,
             "findable": found.findable,
             "rivals": rivals,
             "nearest": project_parameter(self.families, effect, torque) if known else None,

@@ -155,14 +155,11 @@ class Truth:
         Joint and effect that have to be found; that are there, but too small to be asked for.
     outside : set of int
         Joints with an effect that no name fits.
-    notes : list of str
-        Sizes as they came out.
     """
 
     must: set = field(default_factory=set)
     may: set = field(default_factory=set)
     outside: set = field(default_factory=set)
-    notes: list = field(default_factory=list)
 
     def entries(self, case, arm):
         """Planted effects in the form of `benchmarks.scoring`."""

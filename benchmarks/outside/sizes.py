@@ -56,17 +56,12 @@ def _in_band(parts, rate):
     return [sosfiltfilt(sos, part) for part in parts]
 
 
-def weigh(case, left, sigma, base, label, truth, least=LEAST):
-    """Whether what is left over of a plant is clear of noise and material; a note of it goes into `truth`."""
+def is_clear(case, left, sigma, base, least=LEAST):
+    """Whether what is left over of a plant is clear of noise and material."""
     noise = make_noise(case.noise, case.generator(9), 8000, 1, case.rate)[:, 0]
     ratio = rms(_in_band(left, case.rate)) / max(sigma * rms(_in_band([noise], case.rate)), 1e-12)
     size = rms(left)
-    clear = size >= 0.99 * max(least * sigma, MATERIAL * base) and ratio >= CLEAR
-    truth.notes.append(
-        f"{label}: left over {size / sigma:.2g} sigma ({ratio:.2g} in band), "
-        f"{100 * size / base:.2g} % of the torque{'' if clear else ', too small to be asked for'}"
-    )
-    return clear
+    return size >= 0.99 * max(least * sigma, MATERIAL * base) and ratio >= CLEAR
 
 
 def size_plants(case, arm, runs, sigma, base, shapes, truth):
@@ -87,7 +82,7 @@ def size_plants(case, arm, runs, sigma, base, shapes, truth):
     scales = []
     for plant, shape in zip(case.plants, shapes, strict=True):
         j, joint = plant.joint, arm.joints[plant.joint]
-        scale, at = plant.size, [j]
+        scale = plant.size
         if plant.added:
             unit = [forms.FORMS[plant.effect](run.scene, j, shape) for run in runs]
             left = unit if plant.effect == "torque_offset" else left_over(case, arm, runs, j, unit)
@@ -98,12 +93,10 @@ def size_plants(case, arm, runs, sigma, base, shapes, truth):
                 scale = min(scale, MOST_LOAD)
             left = {j: [scale * x for x in left]}
         elif plant.effect in ROBOT_WIDE:
-            at = range(len(arm.joints))
+            felt = [run.plain - run.stated for run in runs]
             left = {
-                k: left_over(
-                    case, arm, runs, k, [(run.plain - run.stated)[:, k] for run in runs], scaled=False
-                )
-                for k in at
+                k: left_over(case, arm, runs, k, [x[:, k] for x in felt], scaled=False)
+                for k in range(len(arm.joints))
             }
         elif plant.effect in ("joint_elasticity", "backlash", "presliding_hysteresis"):
             left = {j: left_over(case, arm, runs, j, [(run.bent - run.plain)[:, j] for run in runs])}
@@ -116,11 +109,7 @@ def size_plants(case, arm, runs, sigma, base, shapes, truth):
                 else left_over(case, arm, runs, j, parts)
             }
         scales.append(scale)
-        label = f"{plant.effect} at {j + 1}, scale {scale:.3g}"
-        clear = [
-            weigh(case, left[k], sigma[k], base[k], label + f", felt at {k + 1}" * (k != j), truth)
-            for k in left
-        ]
+        clear = [is_clear(case, left[k], sigma[k], base[k]) for k in left]
         if plant.effect in forms.OUTSIDERS:
             truth.outside.add(j)
         else:
@@ -138,9 +127,8 @@ def judge_plain(case, arm, runs, sigma, base, truth):
     known = {*case.declared, *(friction if "friction_wear_temperature" in case.declared else ())}
     if known >= {"rotor_inertia", *friction}:
         return
-    every = np.vstack([inertial_regressor(arm, run.scene, range(len(run.scene.t))) for run in runs])
+    s = [run.scene for run in runs]
     for j, joint in enumerate(arm.joints):
-        s = [run.scene for run in runs]
         terms = {
             "rotor_inertia": np.concatenate([joint.rotor * x.a[:, j] for x in s]),
             "coulomb": np.concatenate([joint.coulomb * x.sign(j) for x in s]),
@@ -148,9 +136,10 @@ def judge_plain(case, arm, runs, sigma, base, truth):
         }
         body = np.concatenate([x.load[:, [j]] for x in s])
         if case.inertials == "approximate":
-            body = every[j :: len(arm.joints)]
+            every = [inertial_regressor(arm, x, range(len(x.t))) for x in s]
+            body = np.vstack(every)[j :: len(arm.joints)]
         for name in set(terms) - known:
             others = np.hstack([np.column_stack([terms[k] for k in terms if k != name]), body])
             left = terms[name] - others @ np.linalg.lstsq(others, terms[name], rcond=1e-9)[0]
-            clear = weigh(case, [left], sigma[j], base[j], f"{name} at {j + 1}", truth, LEAST_PLAIN)
+            clear = is_clear(case, [left], sigma[j], base[j], LEAST_PLAIN)
             (truth.must if clear else truth.may).add((j, name))
