@@ -153,12 +153,9 @@ def test_noise_and_motion_do_not_depend_on_what_is_planted(tmp_path):
 
 def test_the_truth_is_not_in_the_folder(tmp_path):
     effect = "presliding_hysteresis"
-    folder = tmp_path / "d1"
-    sealed = tmp_path / "sealed" / "truth.json"
-    generate_dataset(folder, "stage", [Planted(effect, "slide", 8.0)], 5, SHORT, sealed)
-    assert sealed.exists()
-    assert effect in sealed.read_text()
-    for file in folder.rglob("*"):
+    truth = generate_dataset(tmp_path / "d1", "stage", [Planted(effect, "slide", 8.0)], 5, SHORT)
+    assert truth["planted"][0]["effect"] == effect
+    for file in (tmp_path / "d1").rglob("*"):
         if file.is_file():
             content = file.read_bytes().lower()
             for word in (effect.encode(), b"plant", b"truth", b"slip", b"clean", b"noise", b"seed"):
