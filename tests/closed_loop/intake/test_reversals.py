@@ -66,19 +66,6 @@ def test_friction_that_grows_towards_rest_keeps_its_sharp_reversal(speed, seed):
     assert share(stribeck, seed) < 3e-3
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_presliding_is_not_taken_for_a_wide_reversal(seed):
-    def presliding(v, top, q):
-        z, state = np.empty(len(v)), 0.0
-        moved = np.abs(np.diff(q, prepend=q[0])) / (0.02 * np.ptp(q))
-        for k in range(len(v)):
-            state = np.sign(v[k]) + (state - np.sign(v[k])) * np.exp(-moved[k])
-            z[k] = state
-        return 8.0 * z
-
-    assert share(presliding, seed) < 0.01
-
-
 def test_a_joint_that_rests_has_no_width():
     runs, _ = draw_runs(lambda v, top, q: 8.0 * np.sign(v), 0)
     assert choose_reversal_widths(runs, np.array([False]), BAND)[0] == 0.0
