@@ -11,6 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from reporting.test_closed_loop_page import VERDICT, write
+from reporting.test_page import check_self_contained
+from reporting.test_study_page import VERDICT as TWIN
+from reporting.test_tracking_page import write as write_tracked
 
 from wearscope.reporting.closed_loop import read_closed_loop
 from wearscope.reporting.closed_loop_page import render_closed_loop
@@ -32,27 +35,47 @@ def text_of(page):
 
 
 @pytest.fixture(scope="module")
-def pages(asked, tmp_path_factory):
-    """Text of a page by kind."""
-    folder = tmp_path_factory.mktemp("loop")
-    write(folder, VERDICT)
+def makers(asked, tmp_path_factory):
+    """What makes a page anew, by kind."""
+    loop, tracked = tmp_path_factory.mktemp("loop"), tmp_path_factory.mktemp("tracked")
+    write(loop, VERDICT)
+    with_loop = replace(asked, loops={"twin": TWIN}, planted={"planted": []})
     return {
-        "study": render_study(asked, compare_with_paper(asked)),
-        "loop": render_closed_loop(read_closed_loop(folder)),
+        "study": lambda: render_study(with_loop, compare_with_paper(with_loop)),
+        "loop": lambda: render_closed_loop(read_closed_loop(loop)),
+        "tracking": lambda: write_tracked(tracked),
     }
 
 
-@pytest.mark.parametrize("kind", ["study", "loop"])
+@pytest.fixture(scope="module")
+def pages(makers):
+    """A page by kind."""
+    return {kind: make() for kind, make in makers.items()}
+
+
+KINDS = ("study", "loop", "tracking")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_page_stands_alone_and_is_the_same_for_the_same_files(pages, makers, kind):
+    page = pages[kind]
+    beside = ("model_after.yaml", "closed_loop/twin/report.html")
+    seen = check_self_contained(page, beside)
+    assert all(image["alt"] for image in seen.images)
+    assert not re.search(r"<(by|were|this|zero|1)>", re.sub(r"(?s)<script\b.*?</script>", "", page))
+    assert makers[kind]() == page
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_markup_no_stray_punctuation_and_no_nan_is_shown(pages, kind):
-    text = text_of(pages[kind])
     # What the planted names hold is escaped on purpose.
-    shown = text.replace("<by>", "").replace("<were>", "").replace("<zero>", "")
+    shown = re.sub("<(by|were|this|zero|1)>", "", text_of(pages[kind]))
     assert not re.search(r"</?(span|a|b|p|div|strong)\b", shown)
     assert not re.search(r"\bnan\b|\bNaN\b|\bNone\b(?!:)", re.sub(r"None: the|None was", "", shown))
     assert not re.search(r"(^|\s)[;,](\s|$)|\.\.(?!\.)|,\s*,|\(\s*\)", shown)
 
 
-@pytest.mark.parametrize("kind", ["study", "loop"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_strip_has_no_code_and_no_equation(pages, kind, tmp_path):
     page = tmp_path / "report.html"
     page.write_text(pages[kind], encoding="utf-8")

@@ -27,18 +27,9 @@ def with_loop(change):
     return change(loops={"twin": VERDICT}, planted={"planted": []})
 
 
-def test_the_page_stands_alone_and_answers(with_loop, request):
+def test_the_page_answers(with_loop):
     page = render(with_loop)
-    written = page[: page.index('<script type="application/json" id="settings">')]
-    for text in ("src=", "href="):
-        for start in written.split(text)[1:]:
-            assert start.startswith(('"data:', '"#', '"closed_loop/twin/report.html"'))
-    assert "<script src" not in page and "@import" not in written
-    for question in (
-        "Which factors matter?",
-        "Which detector is best?",
-        "Where does it work?",
-    ):
+    for question in ("Which factors matter?", "Which detector is best?", "Where does it work?"):
         assert page.count(question) >= 3
 
 
@@ -128,10 +119,6 @@ def test_many_groups_keep_the_first_page_short(study, change):
     for detector in ("Residual energy (A)", "Friction fit (C)"):
         assert page.count(f"<li>large, a, axis 1, {detector}: ") == 1
     assert first.count("axis 2, Friction fit (C): ") < 4
-
-
-def test_equal_studies_give_equal_pages(with_loop):
-    assert render(with_loop) == render(with_loop)
 
 
 def test_sources_that_say_nothing_leave_no_punctuation(change):
