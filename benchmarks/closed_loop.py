@@ -30,7 +30,7 @@ from benchmarks.board.machines import MACHINES, write_chain
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
-from wearscope.closed_loop.inference.offers import list_offers
+from wearscope.closed_loop.inference.extensions import list_extensions
 from wearscope.closed_loop.inference.score import Model
 from wearscope.closed_loop.posing import pose_problem
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
@@ -137,8 +137,8 @@ def pass_over(data):
     problem = pose_problem(data)
     model = Model(problem, (), np.ones(problem.prepared.n))
     read, begin = time.process_time() - begin, time.process_time()
-    offers = list_offers(model, range(problem.prepared.n))
-    candidates = {id(o.term.candidate): o.term.candidate for o in offers}
+    extensions = list_extensions(model, range(problem.prepared.n))
+    candidates = {id(o.term.candidate): o.term.candidate for o in extensions}
     count = sum(x.shape[1] for candidate in candidates.values() for x in candidate.rows)
     return read, time.process_time() - begin, count
 

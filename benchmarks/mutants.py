@@ -40,7 +40,7 @@ ROOMS = {
         for room in ("detectors", "designs", "effects", "surrogates", "evaluation", "simulation")
     },
     "naming": (
-        [f"{INFERENCE}/{name}.py" for name in "gram score moves offers answer".split()],
+        [f"{INFERENCE}/{name}.py" for name in "gram score moves extensions answer".split()],
         [f"tests/closed_loop/inference/test_{name}.py" for name in "gram planted score".split()]
         + ["tests/closed_loop/test_recovery.py"],
     ),

@@ -11,10 +11,10 @@ import pandas as pd
 
 from wearscope.closed_loop.corrected import withdraw_worse
 from wearscope.closed_loop.diagnostics.contradictions import Contradiction, find_contradictions
+from wearscope.closed_loop.diagnostics.error_change import measure_error_change, withhold_judgement
 from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
 from wearscope.closed_loop.diagnostics.structure import judge_joints
-from wearscope.closed_loop.diagnostics.worth import measure_worth, withhold_judgement
 from wearscope.closed_loop.inference.answer import Found, Left, find_terms
 from wearscope.closed_loop.inference.delays import is_lag
 from wearscope.closed_loop.inference.detection_limits import tell_limits
@@ -310,8 +310,8 @@ def conclude(
     }
     states = judge_joints(prepared, after, here, left, policy, gone)
     predicted = predict_runs(prepared, before, after)
-    worth = measure_worth(prepared, predicted)
-    states = withhold_judgement(prepared, states, worth)
+    error_changes = measure_error_change(prepared, predicted)
+    states = withhold_judgement(prepared, states, error_changes)
     impossible = [one for one in (beyond if here else impossible) if one.is_significant]
     joints = prepared.dataset.joints
     notes = tell_loads(prepared, predicted, after) + tell_limits(answer.limits, joints)
@@ -331,7 +331,7 @@ def conclude(
         proposed,
         after,
         [s if s.reason else replace(s, reason=answer.suspected.get(s.joint, "")) for s in states],
-        worth,
+        error_changes,
         notes,
         problem,
         answer.limits,

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from wearscope.closed_loop.diagnostics.error_change import ErrorChange
 from wearscope.closed_loop.diagnostics.outcome import Outcome
 from wearscope.closed_loop.diagnostics.structure import JointState
-from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.estimation import Estimate
@@ -87,7 +87,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
         "joints": summarise_joints(
-            prepared, diagnosis.predicted, diagnosis.states, diagnosis.worth, diagnosis.limits
+            prepared, diagnosis.predicted, diagnosis.states, diagnosis.error_changes, diagnosis.limits
         ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
@@ -118,7 +118,7 @@ def summarise_joints(
     prepared: Prepared,
     predicted: list[Predicted],
     states: list[JointState],
-    worth: list[Worth],
+    error_changes: list[ErrorChange],
     limits: list[dict[str, float]],
 ) -> dict[str, Any]:
     """Errors by joint over the test runs, at the common bandwidth, rows where the joint moves."""
@@ -150,11 +150,11 @@ def summarise_joints(
             "rms_after": _number(value["after"][j]),
             "rms_after_ci95": [_number(v) for v in interval["after"][:, j]],
             "noise_floor": None if floor is None else _number(floor[j]),
-            "torque_rms": _number(worth[j].torque),
-            "error": worth[j].error,
-            "error_change_percent": _number(worth[j].change),
-            "error_change_ci95": [_number(v) for v in worth[j].interval],
-            "left_percent": _number(100.0 * worth[j].share),
+            "torque_rms": _number(error_changes[j].torque),
+            "error": error_changes[j].error,
+            "error_change_percent": _number(error_changes[j].change),
+            "error_change_ci95": [_number(v) for v in error_changes[j].interval],
+            "left_percent": _number(100.0 * error_changes[j].share),
             "state": states[j].state,
             "unexplained_rms": states[j].unexplained_rms,
             "depends_on": states[j].depends_on,

@@ -6,8 +6,8 @@ import pytest
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.answer import find_terms
 from wearscope.closed_loop.inference.delays import fit_below, lags_away_from_reversals, lags_slow_torque
+from wearscope.closed_loop.inference.extensions import list_extensions
 from wearscope.closed_loop.inference.layout import Layout
-from wearscope.closed_loop.inference.offers import list_offers
 from wearscope.closed_loop.inference.policy import Policy
 
 DELAY = 0.012
@@ -45,10 +45,10 @@ def test_a_true_delay_is_named(record, delay):
     assert low <= delay <= high
 
 
-def offer_delay(model, joint):
+def extend_by_delay(model, joint):
     """The delay of a joint's torque that a model may be extended by."""
-    (offer,) = list_offers(model, [joint], lambda effect, _: effect.name == "time_delay")
-    return offer.term
+    (extension,) = list_extensions(model, [joint], lambda effect, _: effect.name == "time_delay")
+    return extension.term
 
 
 def explain(model, term):
@@ -59,7 +59,7 @@ def explain(model, term):
 
 def test_what_lags_at_reversals_only_is_no_delay(record, pose, declared_model):
     model = declared_model(pose(record(extra_torque=lag(everywhere=False), seed=4)))
-    term = offer_delay(model, 0)
+    term = extend_by_delay(model, 0)
     assert explain(model, term) > 0.06
     assert not lags_away_from_reversals(model.fit, term, model.problem.at_rows("v")[:, 0])
 
@@ -76,7 +76,7 @@ def test_what_a_position_loop_answers_is_no_delay(record, pose, declared_model):
     """The joint moves with the noise of its torque, most near the loop's own frequency."""
     model = declared_model(pose(record(disturbance=4.0, seed=2)))
     for joint in (0, 1):
-        term = offer_delay(model, joint)
+        term = extend_by_delay(model, joint)
         assert explain(model, term) > 0.4
         assert lags_away_from_reversals(model.fit, term, model.problem.at_rows("v")[:, joint])
         assert not lags_slow_torque(model.fit, term)
@@ -93,7 +93,7 @@ def test_what_is_no_delay_is_not_named_one(record, name_terms, options):
 def test_a_true_delay_is_one_in_a_position_loop_too(record, pose, declared_model, name_terms):
     folder = record(planted=[(0, "time_delay", {"delay": DELAY})], disturbance=0.3, seed=2)
     model = declared_model(pose(folder))
-    term = offer_delay(model, 0)
+    term = extend_by_delay(model, 0)
     beta, error = fit_below(model.fit, term, 0.25 * model.problem.prepared.band.torque)
     assert abs(beta - DELAY) < 3.0 * error
     assert error < 0.2 * DELAY

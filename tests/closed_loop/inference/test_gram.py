@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from wearscope.closed_loop.inference.extensions import list_extensions, rank_pairs
 from wearscope.closed_loop.inference.gram import Fit, Gram
-from wearscope.closed_loop.inference.offers import list_offers, rank_pairs
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.score import Score
 from wearscope.closed_loop.inference.splines import PAST, Splines
@@ -16,8 +16,8 @@ from wearscope.effects.base import load_effect
 def model(request, record, pose, declared_model):
     """The declared model with an offset at each joint, on runs that are held out or on fifths of them."""
     given = declared_model(pose(record(seed=3, runs=request.param, duration=6.0)))
-    for offer in list_offers(given, [0, 1], lambda effect, _: effect.is_offset):
-        given = given.extend(offer.term)
+    for extension in list_extensions(given, [0, 1], lambda effect, _: effect.is_offset):
+        given = given.extend(extension.term)
     return given
 
 
@@ -56,21 +56,21 @@ def test_what_is_held_out_is_predicted_from_the_other_rows(model):
 
 
 def test_a_term_more_gives_the_fit_of_all_terms(model):
-    offers = [o for o in list_offers(model, [0, 1]) if o.term.candidate.penalty is None][:6]
-    assert offers
-    for offer in offers:
-        grown = model.extend(offer.term).fit
+    extensions = [o for o in list_extensions(model, [0, 1]) if o.term.candidate.penalty is None][:6]
+    assert extensions
+    for extension in extensions:
+        grown = model.extend(extension.term).fit
         whole = Fit(model.problem.gram, grown.terms, grown.sigma)
         np.testing.assert_allclose(grown.fitted, whole.fitted, rtol=1e-6)
         np.testing.assert_allclose(grown.held_out, whole.held_out, rtol=1e-5)
         removed = np.sum((model.fit.fitted - grown.fitted) * grown.weight)
-        assert offer.gain == pytest.approx(removed, rel=1e-4, abs=1e-6)
+        assert extension.gain == pytest.approx(removed, rel=1e-4, abs=1e-6)
 
 
 def test_pairs_are_ranked_by_what_they_gain_beyond_each_alone(model):
-    offers = list_offers(model, [0, 1])
-    alone, more = {o.term: o.gain for o in offers}, []
-    for one, two in rank_pairs(model, offers)[:12]:
+    extensions = list_extensions(model, [0, 1])
+    alone, more = {o.term: o.gain for o in extensions}, []
+    for one, two in rank_pairs(model, extensions)[:12]:
         grown = model.extend(one).extend(two).fit
         removed = np.sum((model.fit.fitted - grown.fitted) * grown.weight)
         more.append((removed - alone[one] - alone[two]) / np.sqrt(len(one.subset) + len(two.subset)))
@@ -101,7 +101,7 @@ def test_a_spline_more_gives_the_fit_of_all_terms(model):
 def test_what_the_motion_has_been_has_no_level(model):
     splines = Splines(model.problem.prepared, model.problem.joined)
     score = Score(Policy(structure_share=1e-9), model.problem.gram.layout, model)
-    past = [t for t in splines.offer(model, 0, score, past=True) if t.effect.name == PAST.name]
+    past = [t for t in splines.list_terms(model, 0, score, past=True) if t.effect.name == PAST.name]
     assert past
     for term in past:
         kept = term.at_joint(0)[model.problem.layout.keep[:, 0]]

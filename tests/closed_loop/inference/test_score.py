@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from wearscope.closed_loop.inference.offers import list_offers
+from wearscope.closed_loop.inference.extensions import list_extensions
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.score import Score
 
@@ -17,8 +17,8 @@ def weigh(record, pose, declared_model):
     def make(**options):
         model = declared_model(pose(record(**{"seed": 2, "runs": 4, "duration": 10.0} | options)))
         score = Score(Policy(), model.problem.gram.layout, model)
-        (offer,) = list_offers(model, [0], lambda effect, _: effect.name == "joint_spring")
-        made = model.extend(offer.term)
+        (extension,) = list_extensions(model, [0], lambda effect, _: effect.name == "joint_spring")
+        made = model.extend(extension.term)
         return score.compare(model, made), score, model, made
 
     return make
@@ -71,10 +71,10 @@ def test_small_is_doubted_next_to_a_large_form_of_its_signal_and_a_far_larger_on
     }.items():
         shutil.rmtree(tmp_path / "duo")
         _, score, model, _ = weigh(planted=[*small, (0, name, values)])
-        offers = list_offers(model, [0], lambda e, _, n=name: e.name == n)
-        with_large = model.extend(next(o.term for o in offers if len(o.term.subset) < 3))
-        (offer,) = list_offers(with_large, [0], lambda effect, _: effect.name == "joint_spring")
-        told[case] = score.compare(with_large, with_large.extend(offer.term))
+        extensions = list_extensions(model, [0], lambda e, _, n=name: e.name == n)
+        with_large = model.extend(next(o.term for o in extensions if len(o.term.subset) < 3))
+        (extension,) = list_extensions(with_large, [0], lambda effect, _: effect.name == "joint_spring")
+        told[case] = score.compare(with_large, with_large.extend(extension.term))
     assert told["same signal"] < 0.0 < told["other signal"]
     assert told["other signal"] > 0.5 * alone
     # A form error of a percent in the large term would be larger than the spring.

@@ -132,8 +132,8 @@ def list_plans(
         cycle = load_cycle(name)
         built.append((cycle.name, None, cycle.build))
     for name, motion, build in built:
-        asked = len(temperatures) and (chosen is None or name in chosen)
-        for payload in payloads if asked else ():
+        planned = len(temperatures) and (chosen is None or name in chosen)
+        for payload in payloads if planned else ():
             stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
             carrying = model.replace(payload=stated)
             try:
@@ -179,7 +179,7 @@ def plan_measurements(
     first = len(after.entries) - len(diagnosis.attributions)
     model = planning_model(prepared, diagnosis.models["before"])
     cycles = list_cycles() if cycles is None else cycles
-    asked: list[_Asked] = []
+    comparisons: list[_Comparison] = []
     for number, named in enumerate(diagnosis.attributions):
         if not named.equivalent:
             continue
@@ -190,20 +190,22 @@ def plan_measurements(
             f"what tells {' from '.join(name.effect.name for name in names)} at "
             f"{prepared.dataset.joints[joint]}"
         )
-        asked.append(_Asked(rivalry, joint))
+        comparisons.append(_Comparison(rivalry, joint))
     payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
-    if joints := [one.joint for one in asked]:
-        _compare(asked, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles))
-    for one in asked:
+    if joints := [one.joint for one in comparisons]:
+        _compare(
+            comparisons, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles)
+        )
+    for one in comparisons:
         likeliest = sorted(one.values, key=lambda name: -one.values[name])[:_REFINED]
         starts = temperatures if one.is_warm else temperatures[:1]
         for others in ((payloads[1:], starts), (payloads[:1], starts[1:])):
             _compare([one], prepared, list_plans(prepared, model, [one.joint], *others, cycles, likeliest))
-    return [_promise(one, prepared, *one.best) for one in asked if one.best is not None]
+    return [_promise(one, prepared, *one.best) for one in comparisons if one.best is not None]
 
 
 @dataclass
-class _Asked:
+class _Comparison:
     """Names that a run may tell apart, and the best plan so far.
 
     All motions are compared with one payload and temperature, the `_REFINED` best ones with all of them.
@@ -241,21 +243,24 @@ class _Asked:
             self.most, self.best = value, (plan, sums)
 
 
-def _compare(asked: Sequence[_Asked], prepared: Prepared, plans: Iterator[Plan]) -> None:
+def _compare(comparisons: Sequence[_Comparison], prepared: Prepared, plans: Iterator[Plan]) -> None:
     """Compare plans for every term that they are meant for; each plan is evaluated once."""
-    model, effects = asked[0].rivalry.model, [name.effect for one in asked for name in one.rivalry.names]
+    model, effects = (
+        comparisons[0].rivalry.model,
+        [name.effect for one in comparisons for name in one.rivalry.names],
+    )
     for plan in plans:
         run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
         if len(run.t) < 40:
             continue
         seen = look_along(model, run, effects)
-        for one in asked:
+        for one in comparisons:
             if plan.motion is None or plan.motion.joint in (None, one.joint):
                 one.compare(plan, one.rivalry.sum_along([seen]))
 
 
-def _promise(asked: _Asked, prepared: Prepared, plan: Plan, sums: Sums) -> NextMeasurement:
-    rivalry, joint = asked.rivalry, prepared.dataset.joints[asked.joint]
+def _promise(comparison: _Comparison, prepared: Prepared, plan: Plan, sums: Sums) -> NextMeasurement:
+    rivalry, joint = comparison.rivalry, prepared.dataset.joints[comparison.joint]
     before = rivalry.worst(rivalry.recorded)
     runs, power, after = LEAST_RUNS, 0.0, before
     for runs in range(LEAST_RUNS, MOST_RUNS + 1):
@@ -266,7 +271,7 @@ def _promise(asked: _Asked, prepared: Prepared, plan: Plan, sums: Sums) -> NextM
             break
     return NextMeasurement(
         joint, [name.effect.name for name in rivalry.names], plan, runs, power, before.angle, after.angle,
-        before.evidence, after.evidence, asked.count,
+        before.evidence, after.evidence, comparison.count,
     )  # fmt: skip
 
 

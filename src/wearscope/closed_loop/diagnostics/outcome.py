@@ -6,8 +6,8 @@ from functools import cached_property
 
 import pandas as pd
 
+from wearscope.closed_loop.diagnostics.error_change import ErrorChange
 from wearscope.closed_loop.diagnostics.structure import JointState
-from wearscope.closed_loop.diagnostics.worth import Worth
 from wearscope.closed_loop.inference.answer import Answer
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
@@ -32,7 +32,7 @@ class Attribution:
     share : float
         Of its joint's held-out loss that it removes.
     probability : float
-        Of its name, among all that were asked in its place and none.
+        Of its name, among all that were tried in its place and none.
     equivalent : list of str
         Other names in its confidence set.
     marked : Marked
@@ -69,7 +69,7 @@ class Outcome:
         make no joint's error on the test runs larger (`withdraw_worse`).
     states : list of JointState
         What is left at each joint.
-    worth : list of Worth
+    error_changes : list of ErrorChange
         What became of each joint's error.
     notes : list of str
         On parameters beyond what is possible, and on inertias that are no name.
@@ -93,7 +93,7 @@ class Outcome:
     proposed: Regression
     after: Regression
     states: list[JointState]
-    worth: list[Worth]
+    error_changes: list[ErrorChange]
     notes: list[str]
     problem: Problem = field(repr=False)
     limits: list[dict[str, float]]

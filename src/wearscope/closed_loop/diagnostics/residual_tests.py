@@ -1,7 +1,7 @@
 """Three tests of what a model leaves at a joint: it follows the motion, differs by run, or changes in time.
 
 Autocorrelated noise does none of these. Held-out runs ask the first question in the search
-(`wearscope.closed_loop.inference.motion_dependence`); what is asked here needs no signal: a motion that is
+(`wearscope.closed_loop.inference.motion_dependence`); what is tested here needs no signal: a motion that is
 repeated, a mean of one sign in every run, other motions of the test runs. No run can say of another one what
 differs between them, but one half of a run can say it of the other half.
 """
@@ -134,7 +134,7 @@ def see_runs(train: Sequence[Residual], joint: int, name: str, joints: int) -> l
     name : str
         Of the joint.
     joints : int
-        At how many it is asked.
+        At how many it is tested.
     """
     shares, p_values = compare_runs([(_take_signals(one, joint), one.counted) for one in train])
     sure = p_values * joints <= LEVEL
@@ -205,7 +205,7 @@ def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Pol
     cut_off : float
         Of the common filter [Hz]: no torque that is compared has a line above it.
     joints : int
-        At how many it is asked.
+        At how many it is tested.
     policy : Policy
     """
     seen = []

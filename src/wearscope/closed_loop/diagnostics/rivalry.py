@@ -228,7 +228,7 @@ class Rivalry:
         return min((self.contrast(sums, a, b) for a, b in pairs), key=lambda c: c.evidence)
 
     def score(self, sums: Sums, contrast: Contrast) -> float:
-        """Standard errors by which held-out losses tell the names apart, beyond those that are asked for.
+        """Standard errors by which held-out losses tell the names apart, beyond those that are needed.
 
         The standard error of a sum over blocks includes the noise and the uneven spread of the evidence: what
         only a few blocks show may be chance.

@@ -15,7 +15,7 @@ _COLD_SPAN = 10.0
 
 
 def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -> list[dict]:
-    """What could not be asked of these runs, and why.
+    """What these runs cannot show, and why.
 
     Parameters
     ----------

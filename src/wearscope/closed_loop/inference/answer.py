@@ -8,9 +8,14 @@ import numpy as np
 import pandas as pd
 
 from wearscope.closed_loop.inference.detection_limits import find_limits
+from wearscope.closed_loop.inference.extensions import (
+    UNBELIEVABLE,
+    Extension,
+    list_candidates,
+    list_extensions,
+)
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives, tell_odds
-from wearscope.closed_loop.inference.offers import UNBELIEVABLE, Offer, list_candidates, list_offers
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
@@ -33,7 +38,7 @@ class Found:
     share : float
         Of the held-out loss at its joint that it removes.
     probability : float
-        Of its name, among all that were asked in its place and none.
+        Of its name, among all that were tried in its place and none.
     equivalent : list of str
         Names whose odds are as good or nearly.
     """
@@ -160,12 +165,12 @@ def find_terms(
     # No model can hold the past, but names are judged next to it.
     whole = model.has([*model.terms, *past])
     found = [_judge(moves, whole, t) for t in model.terms]
-    asked = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
-    more, suspected = _ask_rest(moves, model, asked)
+    open_joints = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
+    more, suspected = _suspect_rest(moves, model, open_joints)
     left |= more
     left |= {
         j: _tell_dependence(one)
-        for j, one in find_dependence(model.problem, model.fit, asked, policy).items()
+        for j, one in find_dependence(model.problem, model.fit, open_joints, policy).items()
         if j not in left
     }
     return Answer(model, score, found, left, suspected, moves, first)
@@ -263,18 +268,20 @@ def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, 
     for joint in sorted({t.joint for t in model.terms if not (t.effect.standard or t.effect.empirical)}):
         own = [t for t in model.terms if t.joint == joint and not (t.effect.standard or t.effect.empirical)]
         rest = model.has([t for t in model.terms if t not in own])
-        for offer in (o for o in list_offers(rest, [joint]) if o.refusal == UNBELIEVABLE):
-            made = rest.extend(offer.term)
+        for extension in (o for o in list_extensions(rest, [joint]) if o.refusal == UNBELIEVABLE):
+            made = rest.extend(extension.term)
             if moves.score.compare(model, made) > SURELY:
-                depends = offer.term.effect.name_signals(offer.term.model_term.shape, joints, joint)
-                told = f"{offer.term.effect.name} would explain it: {offer.refusal}"
+                depends = extension.term.effect.name_signals(extension.term.model_term.shape, joints, joint)
+                told = f"{extension.term.effect.name} would explain it: {extension.refusal}"
                 left[joint] = Left(_share(rest, made, [joint]), list(dict.fromkeys(depends)), told)
                 model = moves.prune(rest.rescale())
                 break
     return model, left
 
 
-def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[int, Left], dict[int, str]]:
+def _suspect_rest(
+    moves: Moves, model: Model, joints: Sequence[int]
+) -> tuple[dict[int, Left], dict[int, str]]:
     """By joint, candidates that would explain the rest but are not believed; a sentence on low odds."""
     problem, policy = model.problem, moves.score.policy
     names = problem.prepared.dataset.joints
@@ -282,20 +289,20 @@ def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[i
     suspected: dict[int, str] = {}
     for joint in joints:
         able = []
-        for offer in list_offers(model, [joint]):
+        for extension in list_extensions(model, [joint]):
             loss = model.fit.fitted[joint] * model.fit.weight[joint]
-            if offer.gain < policy.structure_share * loss or offer.term.effect.standard:
+            if extension.gain < policy.structure_share * loss or extension.term.effect.standard:
                 continue
-            made = model.extend(offer.term)
+            made = model.extend(extension.term)
             share, gain = _share(model, made, [joint]), moves.score.compare(model, made)
             if share < policy.structure_share:
                 continue
-            effect = offer.term.effect
-            if offer.refusal and gain > 0.0 and joint not in left:
-                depends = effect.name_signals(offer.term.model_term.shape, names, joint)
-                told = f"{effect.name} would explain it: {offer.refusal}"
+            effect = extension.term.effect
+            if extension.refusal and gain > 0.0 and joint not in left:
+                depends = effect.name_signals(extension.term.model_term.shape, names, joint)
+                told = f"{effect.name} would explain it: {extension.refusal}"
                 left[joint] = Left(share, list(dict.fromkeys(depends)), told)
-            elif not offer.refusal and gain + moves.score.find_odds(made, offer.term) > 0.0:
+            elif not extension.refusal and gain + moves.score.find_odds(made, extension.term) > 0.0:
                 able.append((share, effect.name, gain))
         if able and joint not in left:
             share, _, gain = max(able)
@@ -305,7 +312,7 @@ def _ask_rest(moves: Moves, model: Model, joints: Sequence[int]) -> tuple[dict[i
                 f"{100 * share:.0f} % of the squared error that is left; that is too uncertain for a name "
                 f"(odds of {np.exp(min(gain, 0.0)):.2g} to 1), and longer or more training runs can decide it"
             )
-        for spline in moves.splines.offer(model, joint, moves.score, every=True):
+        for spline in moves.splines.list_terms(model, joint, moves.score, every=True):
             made = model.extend(spline)
             share, gain = _share(model, made, [joint]), moves.score.compare(model, made)
             if gain > 0.0 and share >= policy.structure_share and joint not in left:
@@ -321,14 +328,14 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
     joints = model.problem.prepared.dataset.joints
     rows = []
     taken = {t.key for t in model.terms}
-    every = [*_list_taken(model), *((model, o) for o in list_offers(model, range(len(joints))))]
-    for given, offer in every:
-        term = offer.term
+    every = [*_list_taken(model), *((model, o) for o in list_extensions(model, range(len(joints))))]
+    for given, extension in every:
+        term = extension.term
         made = given.extend(term)
         gain = moves.score.compare(given, made)
         joints_felt = list(term.candidate.joints)
         better = (made.fit.by_fold - given.fit.by_fold)[joints_felt].sum(axis=0) < 0.0
-        refusal = offer.refusal or moves.refused.get(term.key, "")
+        refusal = extension.refusal or moves.refused.get(term.key, "")
         rows.append(
             {
                 "step": step,
@@ -339,7 +346,7 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
                 "cv_gain": _share(given, made, term.candidate.joints),
                 "p_value": float(1.0 / (1.0 + np.exp(np.clip(gain, -700.0, 700.0)))),
                 "agreement": float(np.mean(better)),
-                "isolability": offer.sine,
+                "isolability": extension.sine,
                 "taken": term.key in taken,
                 "reason": "taken"
                 if term.key in taken
@@ -350,14 +357,14 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns.split())
 
 
-def _list_taken(model: Model) -> list[tuple[Model, Offer]]:
-    """Each of a model's terms as an offer to the model without it."""
-    offers = []
+def _list_taken(model: Model) -> list[tuple[Model, Extension]]:
+    """Each of a model's terms as an extension to the model without it."""
+    extensions = []
     for term in model.terms:
         rest = model.without(term)
         added = rest.fit.add(term.candidate, term.subset)
         beta, own = added.beta[term.shape], added.own[term.shape]
         power = max(float(beta @ own @ beta), 1e-300)
         sine = float(np.sqrt(max(float(beta @ added.inner[term.shape] @ beta), 0.0) / power))
-        offers.append((rest, Offer(term, beta, float(added.gain[term.shape]), sine, "")))
-    return offers
+        extensions.append((rest, Extension(term, beta, float(added.gain[term.shape]), sine, "")))
+    return extensions

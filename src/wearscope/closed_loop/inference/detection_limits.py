@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wearscope.closed_loop.inference.extensions import list_candidates, list_subsets
 from wearscope.closed_loop.inference.moves import SURELY
-from wearscope.closed_loop.inference.offers import list_candidates, list_subsets
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import Candidate
@@ -39,11 +39,11 @@ def find_limits(model: Model, score: Score) -> list[dict[str, float]]:
     size, _ = problem.layout.torque_size
     limits: list[dict[str, float]] = [{} for _ in size]
     candidates = list_candidates(model, range(len(size)))
-    asked = [(c, list_subsets(c.effect, by_run=False)) for c in candidates]
+    listed = [(c, list_subsets(c.effect, by_run=False)) for c in candidates]
     tried = np.zeros(len(size))
-    for c, subsets in asked:
+    for c, subsets in listed:
         tried[c.joint] += len(c.shapes) * c.tried * len(subsets)
-    for candidate, subsets in asked:
+    for candidate, subsets in listed:
         effect, j = candidate.effect, candidate.joint
         if effect.spread or effect.is_in_every_drive or isinstance(effect, MeasurementEffect):
             continue

@@ -44,7 +44,7 @@ class HeldOut:
     ----------
     layout : Layout
     every : int
-        One row in so many is asked.
+        One row in so many counts.
     keep : ndarray (M,) of bool
         Those of them that count.
     model : ndarray (M, p)
@@ -80,7 +80,7 @@ class HeldOut:
         return np.asarray(np.linalg.inv(a * both + TINY * np.eye(len(a))) * both)
 
     def target(self, torque: np.ndarray) -> Target:
-        """Torques (M, S) at the rows that are asked, ready to be explained."""
+        """Torques (M, S) at the rows that count, ready to be explained."""
         values = torque[self.order]
         power = np.array([(values[u] ** 2).sum(axis=0) for u in self.units])
         score = self._sum(self.model, values)

@@ -2,7 +2,7 @@
 
 The rough model's width is that of a poorer model. With the terms that the search has found, the width is
 fitted again and its form is chosen. A law that rises smoothly from rest makes the reversal wide where the
-model lacks it, and another law would be named for what that leaves. So each law is offered with the width
+model lacks it, and another law would be named for what that leaves. So each law is compared with the width
 that fits best with it. All of these fits are one: variable projection (Golub and Pereyra 1973).
 """
 
@@ -189,10 +189,10 @@ class _JointFit:
         """The width that fits best in the present form, from the present width or a better start."""
         least = _square(self.leave(present)[0])
         wide = present.width[self.joint] > 0.0
-        asked = least - self.clearly(least) if wide else (1.0 - _AT_ONCE) * least
+        needed = least - self.clearly(least) if wide else (1.0 - _AT_ONCE) * least
         tried = [(_square(self.leave(self.make(share))[0]), self.make(share)) for share in starts]
         loss, start = min(tried, key=lambda one: one[0], default=(least, present))
-        if loss >= asked:
+        if loss >= needed:
             loss, start = least, present
         if not start.width[self.joint] > 0.0:
             return start, loss

@@ -80,11 +80,11 @@ def find_dependence(
         Of the joints at which at least `structure_share` of the held-out loss does, with a p-value over all
         splines of at most `unknown_level`.
     """
-    seen = {joint: _ask(problem, fit, joint, policy) for joint in joints}
+    seen = {joint: _test_joint(problem, fit, joint, policy) for joint in joints}
     return {joint: one for joint, one in seen.items() if one is not None}
 
 
-def _ask(problem: Problem, fit: Fit, joint: int, policy: Policy) -> Dependence | None:
+def _test_joint(problem: Problem, fit: Fit, joint: int, policy: Policy) -> Dependence | None:
     layout = problem.layout
     every = max(1, -(-len(layout.keep) // _MOST_ROWS))
     keep = layout.keep[::every, joint]

@@ -7,8 +7,14 @@ import numpy as np
 from scipy import optimize
 
 from wearscope.closed_loop.inference.delays import is_lag, lags_away_from_reversals, lags_slow_torque
+from wearscope.closed_loop.inference.extensions import (
+    Extension,
+    is_believable,
+    list_extensions,
+    may_gain,
+    rank_pairs,
+)
 from wearscope.closed_loop.inference.laws import fit_law, is_law, refine_reversals
-from wearscope.closed_loop.inference.offers import Offer, is_believable, list_offers, may_gain, rank_pairs
 from wearscope.closed_loop.inference.reversal import is_wide
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.splines import Splines
@@ -16,9 +22,9 @@ from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.terms import make_candidate
 
-#: Number of offers scored at each step: those that gain most on the rows they are fitted on.
+#: Number of extensions scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
-#: Pairs of a joint's offers that are scored: those that hide each other most.
+#: Pairs of a joint's extensions that are scored: those that hide each other most.
 _PAIRS = 6
 #: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
@@ -41,13 +47,13 @@ class Moves:
     progress : callable
         Called with a line of text at each move.
     refused : dict of tuple to str
-        Terms that are not offered again, and why.
+        Terms that are not tried again, and why.
     left : set of frozenset
         Terms of models that were left.
     whole : set of frozenset
         Terms of models of which none is to be split.
     without : frozenset of str
-        Names of effects that are not offered.
+        Names of effects that are not tried.
     """
 
     score: Score
@@ -85,7 +91,7 @@ class Moves:
         return model.keys not in self.left
 
     def refuse_delays(self, model: Model) -> Model | None:
-        """A model without delays that vanish at low frequencies; these are not offered again."""
+        """A model without delays that vanish at low frequencies; these are not tried again."""
         for term in (t for t in model.terms if is_lag(t.effect)):
             rest = model.without(term)
             if not lags_slow_torque(rest.fit, term):
@@ -136,10 +142,10 @@ class Moves:
     def add(self, model: Model) -> Model | None:
         """A model with the best further term at each group of coupled joints, where that is more probable."""
         n = model.problem.prepared.n
-        offers = self.list_offers(model, range(n))
+        extensions = self.list_extensions(model, range(n))
         taken, reached = model, set[int]()
         for group in _list_groups(model):
-            own = [o for o in offers if group & set(o.term.candidate.joints)]
+            own = [o for o in extensions if group & set(o.term.candidate.joints)]
             best, gain = self.choose(model, own[: 2 * TOP], model)
             joints = find_reach(model.fit.terms, best.candidate.joints) if best else set()
             if best is None or joints & reached:
@@ -153,8 +159,8 @@ class Moves:
         """A model with two more terms at a joint that hide each other, where that is more probable."""
         best, most = None, 2.0 * SURELY
         for joint in range(model.problem.prepared.n):
-            offers = [o for o in self.list_every_offer(model, [joint]) if not o.refusal]
-            for one, two in rank_pairs(model, offers)[:_PAIRS]:
+            extensions = [o for o in self.list_every_extension(model, [joint]) if not o.refusal]
+            for one, two in rank_pairs(model, extensions)[:_PAIRS]:
                 made = model.extend(one).extend(two)
                 if not self.is_new(made):
                     continue
@@ -176,12 +182,12 @@ class Moves:
             if not is_complete(rest):
                 continue
             reach = find_reach(rest.fit.terms, term.candidate.joints)
-            offers = [
+            extensions = [
                 o
-                for o in self.list_offers(rest, sorted(reach | {last}))
+                for o in self.list_extensions(rest, sorted(reach | {last}))
                 if o.term.key != term.key and set(o.term.candidate.joints) & reach
             ]
-            best, gain = self.choose(rest, offers[:TOP], model)
+            best, gain = self.choose(rest, extensions[:TOP], model)
             if best is not None and gain > SURELY:
                 self.tell(f"{self.name(term)} is replaced by {self.name(best)}", gain)
                 return self.refine(rest.extend(best), best).rescale()
@@ -205,27 +211,29 @@ class Moves:
                 return tried
         return None
 
-    def list_every_offer(self, model: Model, joints: Iterable[int]) -> list[Offer]:
+    def list_every_extension(self, model: Model, joints: Iterable[int]) -> list[Extension]:
         """Offers of effects that are not left out."""
-        asks = (lambda effect, _: effect.name not in self.without) if self.without else None
-        return list_offers(model, joints, asks)
+        wanted = (lambda effect, _: effect.name not in self.without) if self.without else None
+        return list_extensions(model, joints, wanted)
 
-    def list_offers(self, model: Model, joints: Iterable[int]) -> list[Offer]:
+    def list_extensions(self, model: Model, joints: Iterable[int]) -> list[Extension]:
         """Those that may gain."""
-        return [o for o in self.list_every_offer(model, joints) if may_gain(self.score, model, o)]
+        return [o for o in self.list_every_extension(model, joints) if may_gain(self.score, model, o)]
 
-    def choose(self, base: Model, offers: Iterable[Offer], reference: Model) -> tuple[Term | None, float]:
-        """The offer that makes a model most probable, and by how many nats more than a reference."""
+    def choose(
+        self, base: Model, extensions: Iterable[Extension], reference: Model
+    ) -> tuple[Term | None, float]:
+        """The extension that makes a model most probable, and by how many nats more than a reference."""
         best, most = None, 0.0
-        for offer in offers:
-            if offer.refusal:
+        for extension in extensions:
+            if extension.refusal:
                 continue
-            made = base.extend(offer.term)
+            made = base.extend(extension.term)
             if not self.is_new(made):
                 continue
             gain = self.score.compare(reference, made)
-            if gain > max(most, _demand(offer.term)) and self.is_sound(base, made, offer.term):
-                best, most = offer.term, gain
+            if gain > max(most, _demand(extension.term)) and self.is_sound(base, made, extension.term):
+                best, most = extension.term, gain
         return best, most
 
     def is_sound(self, given: Model, made: Model, term: Term) -> bool:
@@ -253,25 +261,27 @@ class Moves:
         prepared = model.problem.prepared
         for joint in np.flatnonzero(prepared.moving & (prepared.reversals.width > 0.0)).tolist():
             own = [t for t in model.terms if t.joint == joint and is_law(t.effect)]
-            none: list[Term | None] = [None] if self.asks_for_law(model, joint) else []
+            none: list[Term | None] = [None] if self.needs_law(model, joint) else []
             for term in own or none:
                 model = self.suit_law(model, joint, term)
         return model
 
-    def asks_for_law(self, model: Model, joint: int) -> bool:
+    def needs_law(self, model: Model, joint: int) -> bool:
         """Whether a joint's reversal is wider than drives have, or a law gains more than the form error."""
-        offers = list_offers(model, [joint], lambda effect, _: is_law(effect))
+        extensions = list_extensions(model, [joint], lambda effect, _: is_law(effect))
         share = self.score.policy.form_error * model.fit.fitted[joint] * model.fit.weight[joint]
         wide = is_wide(model.problem.prepared, joint)
-        return wide or any(o.gain > share for o in offers)
+        return wide or any(o.gain > share for o in extensions)
 
     def suit_law(self, model: Model, joint: int, term: Term | None) -> Model:
         """The model with the most probable law in the place of a joint's, and its reversal."""
         problem, best, most = model.problem, model, SURELY
         rest = model if term is None else model.without(term)
-        offers = {o.term.effect.name: o.term for o in list_offers(rest, [joint], lambda e, _: is_law(e))}
-        for offered in offers.values():
-            effect = offered.effect
+        extensions = {
+            o.term.effect.name: o.term for o in list_extensions(rest, [joint], lambda e, _: is_law(e))
+        }
+        for law_term in extensions.values():
+            effect = law_term.effect
             shapes = effect.shapes(problem.joined, joint)
             fitted = fit_law(problem.prepared, model.fit, joint, term, effect, shapes)
             if fitted is None:
@@ -279,7 +289,7 @@ class Moves:
             shape, reversals = fitted
             along = reverse_over(rest, reversals)
             candidate = make_candidate(effect, joint, along.problem.prepared, shape[None])
-            law = Term(candidate, tuple(range(candidate.count)), 0, offered.alternatives)
+            law = Term(candidate, tuple(range(candidate.count)), 0, law_term.alternatives)
             made = along.extend(law).rescale()
             gain = self.score.compare(model, made)
             if gain > most and is_believable(made, law):
@@ -307,7 +317,7 @@ class Moves:
             if not is_complete(base):
                 continue
             best, most = None, 0.0
-            for spline in self.splines.offer(base, joint, self.score, past=name is not None):
+            for spline in self.splines.list_terms(base, joint, self.score, past=name is not None):
                 made = base.extend(spline)
                 if not self.is_new(made):
                     continue
@@ -421,10 +431,10 @@ def list_alternatives(moves: Moves, model: Model, term: Term) -> list[tuple[floa
     last = model.problem.prepared.n - 1
     joints: Sequence[int] = range(last + 1) if term.effect.spread else sorted({term.joint, last})
     felt = set(term.candidate.joints)
-    offers = [
+    extensions = [
         o
-        for o in list_offers(rest, joints)
+        for o in list_extensions(rest, joints)
         if o.term.effect.name != term.effect.name and felt & set(o.term.candidate.joints) and not o.refusal
     ]
-    made = [(o.term, rest.extend(o.term)) for o in offers[: 2 * TOP]]
+    made = [(o.term, rest.extend(o.term)) for o in extensions[: 2 * TOP]]
     return [(moves.score.compare(model, m), t, m) for t, m in made if moves.is_sound(rest, m, t)]

@@ -38,7 +38,7 @@ class Policy(BaseModel):
     to be `unexplained`: less is a tenth of the RMS error."""
 
     unknown_level: float = Field(0.001, gt=0, lt=1)
-    """p-value at which what is left depends on the motion, over all signals asked."""
+    """p-value at which what is left depends on the motion, over all signals tried."""
 
     flips: int = Field(999, ge=99)
     """Surrogates of what is left; the least p-value is one over them."""

@@ -133,7 +133,7 @@ class Problem:
         return replace(term, candidate=replace(again, penalty=made.penalty), shape=0)
 
     def candidate(self, effect: Effect, joint: int) -> Candidate | None:
-        """Candidate of an effect at a joint along the motion; None where it cannot be asked for."""
+        """Candidate of an effect at a joint along the motion; None where the motion cannot show it."""
         key = (effect.name, joint)
         if key not in self._made:
             self._made[key] = self._make(effect, joint)
@@ -272,8 +272,8 @@ class Problem:
 
     def resembles_any(self, term: ModelTerm) -> bool:
         """Whether a term's shape may follow any function of its signals."""
-        asks = term.effect.resembles_any
-        return asks is not None and asks(self.joined, term.joint, term.shape)
+        resembles = term.effect.resembles_any
+        return resembles is not None and resembles(self.joined, term.joint, term.shape)
 
 
 def _keeps(made: Candidate | None, joint: int, same: set[int]) -> bool:

@@ -65,7 +65,7 @@ class Model:
         return frozenset(term.key for term in self.terms)
 
     @cached_property
-    def offers(self) -> dict[int, list]:
+    def extensions(self) -> dict[int, list]:
         """Possible further terms by joint, once they were listed."""
         return {}
 

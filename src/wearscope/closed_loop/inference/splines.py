@@ -12,17 +12,17 @@ from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, thin_signals
 from wearscope.closed_loop.intake.threads import map_runs
+from wearscope.closed_loop.model.column_cache import CachedColumns, ColumnCache
 from wearscope.closed_loop.model.regression import penalise
-from wearscope.closed_loop.model.room import MadeRows, Room
 from wearscope.closed_loop.model.terms import Candidate, reduce_columns
 from wearscope.effects.base import Effect, Signals
 from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, list_signals
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Largest memory for columns that are kept [bytes].
-_ROOM = 2**29
-#: Share of the asked gain that signals at the rows, without the filter, must show; most signals that are then
-#: evaluated exactly.
+_CACHE = 2**29
+#: Share of the least gain that signals at the rows, without the filter, must show; most signals that are
+#: then evaluated exactly.
 _ROUGHLY, _MOST = 0.6, 4
 #: Numbers of hat functions of a spline of the past. A line has 2; it alone carries over to runs whose joint
 #: reverses at other places.
@@ -39,11 +39,11 @@ class Splines:
     prepared : Prepared
     joined : Signals
         Of all training runs.
-    room : int
-        Bytes of columns that are kept; the others are made again when they are asked for.
+    cache : int
+        Bytes of columns that are kept; the others are made again when they are needed.
     """
 
-    def __init__(self, prepared: Prepared, joined: Signals, room: int = _ROOM) -> None:
+    def __init__(self, prepared: Prepared, joined: Signals, cache: int = _CACHE) -> None:
         self.prepared, self.joined = prepared, joined
         self.effect = empirical_effect()
         self.runs = prepared.runs_for("train")
@@ -51,11 +51,11 @@ class Splines:
         self.thinned = join_signals(
             replace(thin_signals(run), sign=run.reduce(run.signals.sign)) for run in self.runs
         )
-        self._room = Room(room)
+        self._cache = ColumnCache(cache)
         self._rough: dict[int, list[Candidate]] = {}
         self._exact: dict[tuple[int, tuple[float, ...]], Candidate] = {}
 
-    def offer(
+    def list_terms(
         self, model: Model, joint: int, score: Score, past: bool = False, every: bool = False
     ) -> Iterator[Term]:
         """Splines that explain most of a joint's residual, at least a given share.
@@ -66,9 +66,9 @@ class Splines:
         joint : int
         score : Score
         past : bool
-            Whether splines of the joint's past are offered too, which no model can hold: they only compete.
+            Whether splines of the joint's past are listed too, which no model can hold: they only compete.
         every : bool
-            Whether those are offered too of which few runs cannot show that they carry over to other motions.
+            Whether those are listed too of which few runs cannot show that they carry over to other motions.
         """
         fit, policy = model.fit, score.policy
         loss = float(fit.fitted[joint] * fit.weight[joint])
@@ -110,7 +110,7 @@ class Splines:
             made = []
             for shape in self.effect.shapes(self.joined, joint):
                 make = partial(_evaluate, self.effect, self.thinned, joint, shape)
-                made.append(self._wrap(joint, shape, MadeRows(self._room, make)))
+                made.append(self._wrap(joint, shape, CachedColumns(self._cache, make)))
             self._rough[joint] = made
         return iter(self._rough[joint])
 
@@ -119,7 +119,7 @@ class Splines:
         key = (joint, shape)
         if key not in self._exact:
             make = partial(_reduce, self.effect, self.runs, joint, np.array([shape]))
-            self._exact[key] = self._wrap(joint, np.array(shape), MadeRows(self._room, make))
+            self._exact[key] = self._wrap(joint, np.array(shape), CachedColumns(self._cache, make))
         return self._exact[key]
 
     def _wrap(self, joint: int, shape: np.ndarray, rows: Sequence[np.ndarray]) -> Candidate:

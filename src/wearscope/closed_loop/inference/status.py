@@ -22,7 +22,7 @@ SAME = 1e-3
 
 @dataclass(frozen=True)
 class Marked:
-    """A term's worth on the test runs.
+    """What a term is worth on the test runs.
 
     Attributes
     ----------

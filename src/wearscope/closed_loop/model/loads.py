@@ -21,20 +21,20 @@ def find_other_loads(model: Regression, terms: Sequence[ModelTerm]) -> list[Mode
     ----------
     model : Regression
     terms : sequence of ModelTerm
-        Those that are asked.
+        Those that count.
     """
-    asked = [
+    listed = [
         term
         for term in terms
         if "load_{joint}" in term.effect.depends_on and not (term.effect.spread or term.effect.empirical)
     ]
-    if not asked:
+    if not listed:
         return []
     theta, runs = model.solve(), model.prepared.runs_for("train")
     taken = np.concatenate([run.signals.load for run in runs])
     off = np.concatenate([rigid_link_torque(model, theta, run.signals) for run in runs]) - taken
     other = np.linalg.norm(off, axis=0) > OTHER * np.linalg.norm(taken, axis=0)
-    return [term for term in asked if other[term.joint]]
+    return [term for term in listed if other[term.joint]]
 
 
 def take_loads(prepared: Prepared, model: Regression) -> Prepared:

@@ -149,7 +149,7 @@ def settle_at_rest(
     index : int
         Of the term among its entries.
     rivals : sequence of ModelTerm or None
-        Terms with the other names; None of a name that cannot be asked.
+        Terms with the other names; None of a name that cannot be fitted.
 
     Returns
     -------

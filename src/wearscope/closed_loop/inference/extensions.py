@@ -19,7 +19,7 @@ _CANCELLED = "its columns cancel each other"
 
 
 @dataclass(frozen=True, eq=False)
-class Offer:
+class Extension:
     """A term that a model may be extended by.
 
     Attributes
@@ -45,7 +45,7 @@ class Offer:
 def list_candidates(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] | None = None,
+    wanted: Callable[[Effect, int], bool] | None = None,
 ) -> list[Candidate]:
     """Candidates that apply and that the model neither has nor contains, but whose parents it has.
 
@@ -62,7 +62,7 @@ def list_candidates(
     for joint in joints:
         there = present[joint]
         for effect in problem.effects:
-            if not problem.prepared.moving[joint] or not (asks is None or asks(effect, joint)):
+            if not problem.prepared.moving[joint] or not (wanted is None or wanted(effect, joint)):
                 continue
             if not effect.repeatable and any(effect.name in (e.name, *e.contains) for e in there):
                 continue
@@ -94,40 +94,40 @@ def list_subsets(effect: Effect, by_run: bool) -> list[tuple[int, ...]]:
     return list(dict.fromkeys([*(tuple(int(k) for k in s) for s in effect.subsets()), *richer]))
 
 
-def list_offers(
+def list_extensions(
     model: Model,
     joints: Iterable[int],
-    asks: Callable[[Effect, int], bool] | None = None,
-) -> list[Offer]:
+    wanted: Callable[[Effect, int], bool] | None = None,
+) -> list[Extension]:
     """The best shape of each candidate and subset conditional on a model; the largest gain comes first.
 
     Parameters
     ----------
     model : Model
     joints : iterable of int
-    asks : callable, optional
-        Whether an effect at a joint is asked for; all are by default, and kept with the model.
+    wanted : callable, optional
+        Whether an effect at a joint is tried; all are by default, and kept with the model.
     """
-    kept: dict[int, list[Offer]] = model.offers if asks is None else {}
+    kept: dict[int, list[Extension]] = model.extensions if wanted is None else {}
     joints = list(joints)
     for joint in joints:
         if joint not in kept:
-            kept[joint] = _list_at(model, joint, asks)
+            kept[joint] = _list_at(model, joint, wanted)
     return sorted(
         (o for joint in joints for o in kept[joint]), key=lambda o: -o.gain / np.sqrt(len(o.term.subset))
     )
 
 
-def _list_at(model: Model, joint: int, asks: Callable[[Effect, int], bool] | None) -> list[Offer]:
-    """Offers at one joint, as `list_offers` has them."""
+def _list_at(model: Model, joint: int, wanted: Callable[[Effect, int], bool] | None) -> list[Extension]:
+    """Extensions at one joint, as `list_extensions` has them."""
     problem, fit = model.problem, model.fit
     by_run = problem.layout.folds.by_run
-    candidates = list_candidates(model, [joint], asks)
+    candidates = list_candidates(model, [joint], wanted)
     tried = sum(
         1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
         for c in candidates
     )
-    offers = []
+    extensions = []
     for c in candidates:
         for subset in list_subsets(c.effect, by_run):
             added = fit.add(c, subset)
@@ -139,8 +139,8 @@ def _list_at(model: Model, joint: int, asks: Callable[[Effect, int], bool] | Non
             refusal = _refuse(problem, term, beta, own)
             if not refusal and c.penalty is None and sine < 1e-3:
                 refusal = _CANCELLED
-            offers.append(Offer(term, beta, float(added.gain[s]), sine, refusal))
-    return offers
+            extensions.append(Extension(term, beta, float(added.gain[s]), sine, refusal))
+    return extensions
 
 
 def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> str:
@@ -156,12 +156,12 @@ def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> 
     return _CANCELLED if free and np.sqrt(parts / power).max() > _CANCELS else ""
 
 
-def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]:
-    """Pairs of offers of different effects that hide each other; those that hide most come first.
+def rank_pairs(model: Model, extensions: Sequence[Extension]) -> list[tuple[Term, Term]]:
+    """Pairs of extensions of different effects that hide each other; those that hide most come first.
 
     Two terms hide each other where they gain more together, on all rows, than the sum of their gains alone.
     """
-    terms = [o.term for o in offers]
+    terms = [o.term for o in extensions]
     inner, reduced, spans = model.fit.project(terms)
     count, most = len(reduced), max((len(t.subset) for t in terms), default=0)
     # Terms with fewer coefficients are filled up with some that gain nothing.
@@ -176,7 +176,9 @@ def rank_pairs(model: Model, offers: Sequence[Offer]) -> list[tuple[Term, Term]]
     k, j = np.array(pairs).T
     own = np.concatenate([places[0][k], places[1][j]], axis=1)
     beta = np.linalg.solve(every[own[:, :, None], own[:, None]], score[own][..., None])[..., 0]
-    alone, sizes = (np.array(x) for x in zip(*[(o.gain, len(o.term.subset)) for o in offers], strict=True))
+    alone, sizes = (
+        np.array(x) for x in zip(*[(o.gain, len(o.term.subset)) for o in extensions], strict=True)
+    )
     more = ((score[own] * beta).sum(axis=1) - alone[k] - alone[j]) / np.sqrt(sizes[k] + sizes[j])
     return [
         (terms[pairs[o][0]], terms[pairs[o][1]]) for o in np.argsort(-more, kind="stable") if more[o] > 0.0
@@ -189,12 +191,14 @@ def is_believable(model: Model, term: Term) -> bool:
     return not _refuse(model.problem, term, beta, model.fit.measure(term))
 
 
-def may_gain(score: Score, model: Model, offer: Offer) -> bool:
-    """Whether what an offer gains on the rows it is fitted on could outweigh its cost at all."""
+def may_gain(score: Score, model: Model, extension: Extension) -> bool:
+    """Whether what an extension gains on the rows it is fitted on could outweigh its cost at all."""
     fit, policy = model.fit, score.policy
-    joints = list(offer.term.candidate.joints)
+    joints = list(extension.term.candidate.joints)
     loss = float((fit.fitted[joints] * fit.weight[joints]).min())
-    most = 0.5 * policy.most_rows * len(joints) * -np.log(max(1.0 - offer.gain / max(loss, 1e-300), 1e-6))
+    most = 0.5 * policy.most_rows * len(joints) * -np.log(max(1.0 - extension.gain / max(loss, 1e-300), 1e-6))
     # With a body, the links' parameters may also come closer to their prior.
-    relief = 0.5 * offer.gain if offer.term.effect.spread else 0.0
-    return bool(max(most, relief) > score.odds(offer.term) + 0.5 * score.count(offer.term) * np.log(30.0))
+    relief = 0.5 * extension.gain if extension.term.effect.spread else 0.0
+    return bool(
+        max(most, relief) > score.odds(extension.term) + 0.5 * score.count(extension.term) * np.log(30.0)
+    )

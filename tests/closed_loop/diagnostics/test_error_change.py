@@ -9,7 +9,7 @@ from folders import change_runs, fit_problem
 
 from wearscope.closed_loop import corrected
 from wearscope.closed_loop.diagnosis import diagnose
-from wearscope.closed_loop.diagnostics.worth import measure_worth
+from wearscope.closed_loop.diagnostics.error_change import measure_error_change
 from wearscope.closed_loop.model.prediction import bootstrap_change
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.closed_loop.posing import pose_problem
@@ -117,5 +117,5 @@ def test_an_error_that_differs_by_rounding_is_the_same(factor, error):
     noise = np.random.default_rng(0).standard_normal((400, 1))
     run = SimpleNamespace(use="test", measured=noise, keep=np.ones_like(noise, dtype=bool))
     one = SimpleNamespace(run=run, before=0.0 * noise, after=noise * (1.0 - factor))
-    (worth,) = measure_worth(SimpleNamespace(n=1, band=SimpleNamespace(torque=10.0)), [one])
-    assert worth.error == error
+    (error_changes,) = measure_error_change(SimpleNamespace(n=1, band=SimpleNamespace(torque=10.0)), [one])
+    assert error_changes.error == error

@@ -1,4 +1,4 @@
-"""Worth of a correction at each joint: its change of the error, and whether the residual is judged."""
+"""What a correction changes of each joint's error, and whether the residual is judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class Worth:
+class ErrorChange:
     """A joint's error on the test runs.
 
     Attributes
@@ -44,7 +44,7 @@ class Worth:
     share: float
 
 
-def measure_worth(prepared: Prepared, predicted: Sequence[Predicted]) -> list[Worth]:
+def measure_error_change(prepared: Prepared, predicted: Sequence[Predicted]) -> list[ErrorChange]:
     """What became of each joint's error, on the rows of the test runs that count."""
     test = [p for p in predicted if p.run.use == "test"]
     before, after = (
@@ -60,12 +60,14 @@ def measure_worth(prepared: Prepared, predicted: Sequence[Predicted]) -> list[Wo
         if np.isfinite(change[j]):
             error = "smaller" if high[j] < -_ROUNDING else "larger" if low[j] > _ROUNDING else "same"
         share = float(left[j] / torque[j]) if torque[j] > 0.0 else np.nan
-        found.append(Worth(error, float(change[j]), (float(low[j]), float(high[j])), float(torque[j]), share))
+        found.append(
+            ErrorChange(error, float(change[j]), (float(low[j]), float(high[j])), float(torque[j]), share)
+        )
     return found
 
 
 def withhold_judgement(
-    prepared: Prepared, states: Sequence[JointState], worth: Sequence[Worth]
+    prepared: Prepared, states: Sequence[JointState], error_changes: Sequence[ErrorChange]
 ) -> list[JointState]:
     """States of the joints, ``not_judged`` where the test runs cannot speak for one.
 
@@ -74,7 +76,7 @@ def withhold_judgement(
     larger than anything that a test of whiteness could find in it. Structure that is seen is still said.
     """
     judged = []
-    for state, one in zip(states, worth, strict=True):
+    for state, one in zip(states, error_changes, strict=True):
         reason = _tell_missing(prepared, state.joint) if one.error is None else ""
         if not reason and one.share > _HALF and state.state != "unexplained":
             reason = (

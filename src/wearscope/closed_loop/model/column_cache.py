@@ -7,7 +7,7 @@ from typing import overload
 import numpy as np
 
 
-class Room:
+class ColumnCache:
     """Memory for columns: the first ones stay; of the others only the last ones computed.
 
     Parameters
@@ -18,10 +18,10 @@ class Room:
 
     def __init__(self, size: int) -> None:
         self.left = size
-        self._last: tuple[weakref.ref[MadeRows], np.ndarray] | None = None
+        self._last: tuple[weakref.ref[CachedColumns], np.ndarray] | None = None
 
-    def keep(self, owner: "MadeRows", rows: np.ndarray) -> bool:
-        """Keep rows as long as their owner exists, if there is room; say whether there is."""
+    def keep(self, owner: "CachedColumns", rows: np.ndarray) -> bool:
+        """Keep rows as long as their owner exists, if there is memory; say whether there is."""
         if rows.nbytes <= self.left:
             self.left -= rows.nbytes
             weakref.finalize(owner, self._give_back, rows.nbytes)
@@ -29,26 +29,26 @@ class Room:
         self._last = (weakref.ref(owner), rows)
         return False
 
-    def find_last(self, owner: "MadeRows") -> np.ndarray | None:
-        """Rows of an owner, if they are the last ones that found no room."""
+    def find_last(self, owner: "CachedColumns") -> np.ndarray | None:
+        """Rows of an owner, if they are the last ones that were not kept."""
         return self._last[1] if self._last is not None and self._last[0]() is owner else None
 
     def _give_back(self, size: int) -> None:
         self.left += size
 
 
-class MadeRows(Sequence[np.ndarray]):
+class CachedColumns(Sequence[np.ndarray]):
     """Columns (M, m) of a candidate that is felt at one joint, as its `rows`.
 
     Parameters
     ----------
-    room : Room
+    cache : ColumnCache
     make : callable
         Gives the columns, the same bits at every call.
     """
 
-    def __init__(self, room: Room, make: Callable[[], np.ndarray]) -> None:
-        self._room, self._make = room, make
+    def __init__(self, cache: ColumnCache, make: Callable[[], np.ndarray]) -> None:
+        self._cache, self._make = cache, make
         self._kept: np.ndarray | None = None
 
     def __len__(self) -> int:
@@ -66,9 +66,9 @@ class MadeRows(Sequence[np.ndarray]):
     def _take(self) -> np.ndarray:
         if self._kept is not None:
             return self._kept
-        rows = self._room.find_last(self)
+        rows = self._cache.find_last(self)
         if rows is None:
             rows = self._make()
-            if self._room.keep(self, rows):
+            if self._cache.keep(self, rows):
                 self._kept = rows
         return rows
