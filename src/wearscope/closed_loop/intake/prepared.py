@@ -10,7 +10,7 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
-from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
+from wearscope.closed_loop.intake.lost_motion import choose_lost_motion_cutoffs
 from wearscope.effects.base import Parameter, Signals
 from wearscope.errors import InputError
 
@@ -138,10 +138,10 @@ class Prepared:
         return len(self.dataset.joints)
 
     @cached_property
-    def take_up(self) -> np.ndarray:
+    def lost_motion_cutoff(self) -> np.ndarray:
         """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up."""
         runs = self.runs_for("train") or self.runs
-        return choose_take_up_cutoffs([run.signals for run in runs], self.band)
+        return choose_lost_motion_cutoffs([run.signals for run in runs], self.band)
 
     @cached_property
     def load_size(self) -> np.ndarray:

@@ -83,7 +83,7 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     For deflections proportional to the torque the equation is linear: corrections in which the swing of the
     mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring, or
     by GMRES where these diverge.
-    Across a jump of the deflection the rigid body's torque below `Prepared.take_up` is the nearest that the
+    Across a jump of the deflection the rigid body's torque below `Prepared.lost_motion_cutoff` is the nearest that the
     motion gives. None where the model has no deflection.
     """
     if not any(term.is_deflection for term in model.entries):
@@ -94,7 +94,7 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     rigid = rigid_link_torque(model, theta, s)
     given = low_pass(rigid, band.gear, band.rate)
     for j in np.flatnonzero(jumps):
-        given[:, [j]] = low_pass(rigid[:, [j]], float(model.prepared.take_up[j]), band.rate)
+        given[:, [j]] = low_pass(rigid[:, [j]], float(model.prepared.lost_motion_cutoff[j]), band.rate)
     bends = (soft > 0) & ~jumps
     if not bends.any():
         return given

@@ -140,7 +140,7 @@ def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.nd
     train = prepared.runs_for("train")
     signals = [run.signals for run in train]
     if isinstance(effect, TransmissionEffect):
-        edge = float(prepared.take_up[joint]) if effect.abrupt else prepared.band.gear
+        edge = float(prepared.lost_motion_cutoff[joint]) if effect.abrupt else prepared.band.gear
         signals = [
             replace(run.signals, transmitted=low_pass(run.signals.load, edge, run.band.rate)) for run in train
         ]

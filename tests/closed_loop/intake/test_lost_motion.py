@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wearscope.closed_loop.intake.filtering import Band, low_pass
-from wearscope.closed_loop.intake.take_up import choose_take_up_cutoffs
+from wearscope.closed_loop.intake.lost_motion import choose_lost_motion_cutoffs
 from wearscope.effects.base import Signals
 from wearscope.effects.signals import differentiate
 
@@ -34,7 +34,7 @@ def find_agreement(load, gear):
 @pytest.mark.parametrize("frequencies", [(0.3, 0.7), (1.1, 4.3), (0.9, 5.7)])
 def test_a_jump_is_taken_up_when_the_load_reverses_however_fast_that_is(frequencies):
     signals, gear = swing(frequencies, gap=1e-4, noise=2e-6)
-    (cutoff,) = choose_take_up_cutoffs([signals], BAND)
+    (cutoff,) = choose_lost_motion_cutoffs([signals], BAND)
     assert find_agreement(low_pass(signals.load, cutoff, RATE)[:, 0], gear) > 0.9
 
 
@@ -44,10 +44,10 @@ def test_half_the_common_cut_off_leaves_out_a_load_that_is_faster():
 
 
 def test_noise_of_the_positions_lowers_the_cut_off_where_the_load_is_slow():
-    (quiet,) = choose_take_up_cutoffs([swing((0.3, 0.7), noise=1e-7)[0]], BAND)
-    (noisy,) = choose_take_up_cutoffs([swing((0.3, 0.7), noise=2e-4)[0]], BAND)
+    (quiet,) = choose_lost_motion_cutoffs([swing((0.3, 0.7), noise=1e-7)[0]], BAND)
+    (noisy,) = choose_lost_motion_cutoffs([swing((0.3, 0.7), noise=2e-4)[0]], BAND)
     assert quiet == noisy == BAND.torque / 2
-    (fast,) = choose_take_up_cutoffs([swing((0.3, 5.0), noise=1e-5)[0]], BAND)
+    (fast,) = choose_lost_motion_cutoffs([swing((0.3, 5.0), noise=1e-5)[0]], BAND)
     assert fast > BAND.torque / 2
 
 
@@ -57,5 +57,5 @@ def test_each_joint_has_its_own():
     both = np.column_stack([slow.load, fast.load])
     still = np.zeros_like(both)
     joined = Signals(slow.t, still, still, still, still, both, still, still)
-    cutoffs = choose_take_up_cutoffs([joined, joined], BAND)
+    cutoffs = choose_lost_motion_cutoffs([joined, joined], BAND)
     assert cutoffs[0] < cutoffs[1] <= BAND.gear

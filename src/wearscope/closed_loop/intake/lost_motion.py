@@ -25,7 +25,7 @@ _EARLY = 0.2
 _UNTOUCHED = 0.7
 
 
-def choose_take_up_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarray:
+def choose_lost_motion_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarray:
     """Cut-off (n,) [Hz] of the torque whose reversals tell when each gear takes up its lost motion.
 
     It is the lowest cut-off at which neither the load above it nor the noise below it shifts the reversals
