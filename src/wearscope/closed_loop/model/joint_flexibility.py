@@ -83,8 +83,8 @@ def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.nd
     For deflections proportional to the torque the equation is linear: corrections in which the swing of the
     mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring, or
     by GMRES where these diverge.
-    Across a jump of the deflection the rigid body's torque below `Prepared.lost_motion_cutoff` is the nearest that the
-    motion gives. None where the model has no deflection.
+    Across a jump of the deflection the rigid body's torque below `Prepared.lost_motion_cutoff` is the nearest
+    that the motion gives. None where the model has no deflection.
     """
     if not any(term.is_deflection for term in model.entries):
         return None
