@@ -12,7 +12,6 @@ is. Then each kind of torque is added at each joint, in all runs, at multiples o
 - changed: names at other joints are not those of the recording as it was.
 """
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
@@ -24,6 +23,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
+from benchmarks.command import start_parser
 from benchmarks.recorded import Recorded, find_datasets
 from benchmarks.stability import list_changes
 from benchmarks.summary import tell_counts
@@ -79,9 +79,7 @@ def grade(verdict: dict[str, Any], joint: str, kind: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print what became of each torque, and the shares."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
     parser.add_argument("--joint", nargs="+", help="default: every joint")
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))

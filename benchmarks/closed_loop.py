@@ -12,7 +12,6 @@ products with the declared model. No search of these candidates can take less. I
 memory stand next to those of `diagnose`.
 """
 
-import argparse
 import multiprocessing
 import os
 import resource
@@ -28,6 +27,7 @@ import yaml
 from benchmarks.board.generate import generate_dataset
 from benchmarks.board.machines import MACHINES, write_chain
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
+from benchmarks.command import start_parser
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.examination import examine
 from wearscope.closed_loop.inference.extensions import list_extensions
@@ -150,9 +150,7 @@ def measure_peak():
 
 def main():
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--size", choices=SIZES, default="small")
     parser.add_argument("--light", action="store_true", help="without diagnostics and forward simulation")
     parser.add_argument("--out", help="keep data set and results there, and use a data set that is there")

@@ -7,7 +7,6 @@ a column, and some pairs of faults, are made in the recordings of some of them, 
 compared with what was done.
 """
 
-import argparse
 import dataclasses
 import re
 import shutil
@@ -21,6 +20,7 @@ import pandas as pd
 from scipy.signal import lfilter, savgol_filter
 
 from benchmarks.board.regimes import list_cases
+from benchmarks.command import start_parser
 from benchmarks.outside.drawn import draw_case
 from benchmarks.recorded import Recorded
 from wearscope.checking.dataset import check_dataset
@@ -332,7 +332,7 @@ def ask_timed(place, case, fault, told):
 
 def main(arguments=None):
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = start_parser(__doc__)
     parser.add_argument("--part", choices=["right", "wrong"], default="right")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--cases", type=int, default=40, help="of each generator")

@@ -9,7 +9,6 @@ folders. It passes, and ends with 0, where the 95 % lower bound of the differenc
 points, no other score is worse beyond chance, and no real joint's held-out error is more than 5 % larger.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -20,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.board.regimes import list_cases
+from benchmarks.command import start_parser
 from benchmarks.outside.drawn import draw_case
 from benchmarks.paired import compare, write_comparison
 from benchmarks.runner import run_cases
@@ -84,9 +84,7 @@ def judge(before: Path, after: Path) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("folders", nargs="*", type=Path, metavar="DIR", help="before and after")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--cases", type=int, default=200)

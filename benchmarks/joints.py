@@ -9,7 +9,6 @@ where nothing is planted, or all that is planted there is named; it is truly so 
 vocabulary, at least twice its just findable size, is planted and not named ``unknown``.
 """
 
-import argparse
 import pickle
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.outside import OUTSIDE
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.board.regimes import ONE_JOINT
+from benchmarks.command import start_parser
 from benchmarks.outside.drawn import _HEAVY as HEAVY
 from benchmarks.outside.drawn import _ONE as ONE
 from benchmarks.outside.drawn import _PAYLOAD as PAYLOAD
@@ -247,9 +247,7 @@ def write_ablation(rows, seconds):
 
 def main(arguments=None):
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--cases", type=int, nargs=2, default=(0, 36), metavar=("FIRST", "LAST"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cache", type=Path, required=True, help="where searches are kept")

@@ -6,7 +6,6 @@ BEFORE and AFTER are two `--out` folders of `benchmarks.board` or `benchmarks.ou
 their name. Each score is compared by McNemar's exact test on the cases that changed; these cases are listed.
 """
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.contingency_tables import mcnemar
 
+from benchmarks.command import start_parser
 from wearscope.errors import InputError
 from wearscope.storage.tables import read_table
 
@@ -126,9 +126,7 @@ def _tell_numbers(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
     given = parser.parse_args(arguments)

@@ -18,6 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command import start_parser
+
 ROOT = Path(__file__).parents[1]
 CYCLE = ROOT / "tests" / "workflow" / "tiny" / "short_moves.py"
 KINDS = {"f": "wear", "w3": "temperature", "w4": "dwell", "w5": "payload_mass_error"}
@@ -58,7 +60,7 @@ def run_points(count: int) -> dict[str, float]:
 
 def main() -> None:
     """Print a table, one row a number of points."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("--points", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -67,8 +69,8 @@ def main() -> None:
         return
     print("| points | simulate [ms a point] | read [ms a point] | peak [MiB] |\n|---|---|---|---|")
     for count in given.points:
-        command = [sys.executable, __file__, "--one", str(count)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        command = [sys.executable, "-m", "benchmarks.points", "--one", str(count)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
         row = json.loads(done.stdout.splitlines()[-1])
         times = f"{row['simulate_ms_a_point']:.1f} | {row['read_ms_a_point']:.2f}"
         print(f"| {count} | {times} | {row['peak_mib']:.0f} |", flush=True)

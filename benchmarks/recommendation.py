@@ -8,7 +8,6 @@ resamplings and cells it comes out, what is withheld and how much was audited; t
 the others, and whether these say so themselves (fewer than `SETTLED` of the resamplings).
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
+from benchmarks.command import start_parser
 from wearscope.evaluation.conclusion import Conclusion, read_conclusion
 from wearscope.evaluation.ranking import SETTLED
 from wearscope.home import find_home
@@ -47,7 +47,7 @@ def run_seed(settings: dict, seed: int, cores: int, folder: Path) -> Iterator[tu
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the seeds and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("config", type=Path, nargs="?")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--cores", type=int, default=2)

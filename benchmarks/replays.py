@@ -6,13 +6,13 @@ Each motion starts anew every half second; the model's own simulator is asked as
 alone can tell (when a joint leaves a rest) stands next to what the export adds.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from benchmarks.command import start_parser
 from wearscope.cycles.base import Reference, required_torque
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.export.comparison import HORIZONS, replay
@@ -42,9 +42,7 @@ def replay_own(model: RobotModel, motion: Reference, torque: np.ndarray) -> np.n
 
 def main() -> None:
     """Print the median over motions of each simulator's median error."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--motions", type=int, default=8)
     parser.add_argument("--exponents", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0])
     given = parser.parse_args()

@@ -20,6 +20,7 @@ from typing import Any
 
 import pandas as pd
 
+from benchmarks.command import start_parser
 from benchmarks.scoring import score_case
 from benchmarks.summary import summarise, write_markdown
 from wearscope.storage.tables import write_table, write_text
@@ -242,7 +243,7 @@ def write_results(results: Sequence[dict[str, Any]], out_dir: Path) -> dict[str,
 
 def make_parser(words: str) -> argparse.ArgumentParser:
     """Options that the generators share."""
-    parser = argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = start_parser(words)
     parser.add_argument("--out", type=Path, required=True, help="where the tables go")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument("--limit", type=float, default=TIME_LIMIT, help="wall time of a case [s]")

@@ -14,7 +14,6 @@ scope, on one core; `--partitions` a study divided by robots, a partition a core
 then to the report. In `--in` they go on where they were ended, and what is finished is only told.
 """
 
-import argparse
 import os
 import re
 import subprocess
@@ -27,6 +26,7 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks.command import start_parser
 from benchmarks.large_studies import ROOT, check_plan, read_jobs, write_study
 from wearscope.config import PartitionSettings
 
@@ -155,7 +155,7 @@ def plan(
 
 def main() -> None:
     """Dry-run studies of some robots, then print the plan of the large ones."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("--dry", nargs="*", default=PLANNED, metavar="ROBOTSxPOINTS")
     parser.add_argument("--job-seconds", type=float, default=600.0)
     parser.add_argument("--results", type=Path, help="folder of a finished study")

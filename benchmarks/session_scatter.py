@@ -7,7 +7,6 @@ Coulomb friction of each joint differs by a normal value. A threshold that knows
 stands next to the one that is used.
 """
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
@@ -15,14 +14,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from benchmarks.command import start_parser
 from wearscope.detection.judgement import judge_recordings
 from wearscope.detection.run import Setting, ask_recordings
 from wearscope.detection.thresholds import find_threshold
 from wearscope.detectors.questions import DetectorSpec
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "detection"))
+TESTS = Path(__file__).parents[1] / "tests"
+sys.path[:0] = [str(TESTS), str(TESTS / "detection")]
 
-from conftest import make_duo, write_machine
+from worn_arm import make_duo, write_machine  # noqa: E402
 
 DETECTORS = [
     DetectorSpec("A", "residual_energy", {"align": "path"}),
@@ -57,9 +58,7 @@ def count_alarms(seed: int, scatter: float, setting: Setting) -> pd.DataFrame:
 
 def main() -> None:
     """Print the share of cells (recording and joint) with an alarm, by detector."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--machines", type=int, default=6)
     parser.add_argument("--scatter", type=float, nargs="+", default=[0.0, 0.1, 0.3], help="[N m]")
     given = parser.parse_args()

@@ -11,7 +11,6 @@ An answer is `right`, `cannot tell` (it says that something is not known and nam
 truth as an equivalent), `missed` (it says nothing of a change) or `invented` (it names what is not there).
 """
 
-import argparse
 import json
 import time
 from pathlib import Path
@@ -20,6 +19,8 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import yaml
+
+from benchmarks.command import start_parser
 
 KINDS = ("none", "weight", "friction", "gain", "pushes", "none", "weight", "friction")
 ANSWERS = ("right", "cannot tell", "missed", "invented")
@@ -277,9 +278,7 @@ def summarise(rows):
 
 def main():
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--machines", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)

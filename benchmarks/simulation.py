@@ -7,7 +7,6 @@ Everything is timed in short turns in one process, and the fastest turn counts: 
 spoils neither side of a ratio for long.
 """
 
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command import start_parser
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.study import Conditions, Simulator
@@ -82,7 +82,7 @@ def measure_speed(model: RobotModel, reference: Reference, turns: int) -> dict[s
 
 def main() -> None:
     """Print the figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("--robot", action="append", help="medium and large by default")
     parser.add_argument("--cycle", default="point_to_point")
     parser.add_argument("--step", type=float, default=1e-3, help="[s]")

@@ -12,11 +12,12 @@ that does the work; what a run takes beyond it, more than the local run does, is
 stands around it, and seeing the end.
 """
 
-import argparse
 import os
 import sys
 import tempfile
 from pathlib import Path
+
+from benchmarks.command import start_parser
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -54,7 +55,7 @@ def compare(name: str, ways: list[str], cores: int, environment: dict[str, str])
 
 def main() -> None:
     """Print a row a work, repeat and way."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("works", nargs="*", metavar="WORK", help=f"of {', '.join(WORKS)}; all unless given")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=1)

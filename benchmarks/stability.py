@@ -13,7 +13,6 @@ a name there whose set holds it. Printed: a line a change, then the share of nam
 a torque that is added at one joint does to names at others, `benchmarks.added` says.
 """
 
-import argparse
 import sys
 import tempfile
 import time
@@ -24,6 +23,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks.command import start_parser
 from benchmarks.recorded import Recorded, find_datasets
 from benchmarks.summary import tell_counts
 from wearscope.closed_loop.diagnosis import diagnose
@@ -87,9 +87,7 @@ def vary(folder: Path, place: Path) -> Iterator[tuple[str, int, list[str]]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the changes and their shares."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=np.inf, help="start no further data set after these")
     given = parser.parse_args(arguments)

@@ -15,7 +15,6 @@ leaves an error that no step takes away. The bare step is PyBullet's own, withou
 PyBullet makes it: what no loop around it can undercut.
 """
 
-import argparse
 import json
 from collections.abc import Callable
 from itertools import pairwise
@@ -27,6 +26,7 @@ import mujoco
 import numpy as np
 import pybullet
 
+from benchmarks.command import start_parser
 from benchmarks.simulation import ROBOTS, WORN, step_bare, take_start, time_in_turns
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import RobotModel, load_model
@@ -247,7 +247,7 @@ def draw(table: dict[str, list[dict]], title: str, stem: str) -> None:
 
 def main() -> None:
     """Print the tables as Markdown and the costs at equal error as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("--robot", default="medium")
     parser.add_argument("--cycle", default="point_to_point")
     parser.add_argument("--seconds", type=float, default=6.0, help="of the motion")

@@ -11,7 +11,6 @@ main process, the shells that it starts and the ends of the jobs' processes. The
 time less the jobs' own time: starting processes, Snakemake itself, and cores that wait.
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from pathlib import Path
 
 import yaml
 
+from benchmarks.command import start_parser
 from benchmarks.large_studies import ROOT, read_jobs
 
 sys.path.insert(0, str(ROOT / "tests"))
@@ -64,7 +64,7 @@ def run_timed(
 
 def main() -> None:
     """Run the study twice in a copy and print what it cost."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("--configfile", default="config/config.yaml")
     parser.add_argument("--first", action="store_true", help="four detectors, full models, no direct runs")
     parser.add_argument("--cores", type=int, default=2)

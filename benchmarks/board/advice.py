@@ -8,7 +8,6 @@ others, the advised runs are recorded on the same machine, as many as are promis
 again. The advice sees the recordings only.
 """
 
-import argparse
 import json
 import multiprocessing
 import sys
@@ -30,6 +29,7 @@ from benchmarks.board.machines import Body
 from benchmarks.board.physics import Structural, behave
 from benchmarks.board.recipe import RunPlan, make_stream
 from benchmarks.board.regimes import PARTS, Case, draw_axes, make_case
+from benchmarks.command import start_parser
 from benchmarks.summary import tell_share
 from wearscope.demonstration.motions import Motion
 from wearscope.storage.tables import write_table, write_text
@@ -201,9 +201,7 @@ def _work(job: tuple[str, int, int, int]) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the cases and write ``advice.parquet`` and ``advice.json``."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = start_parser(__doc__)
     parser.add_argument("--part", choices=PARTS, default="held_out")
     parser.add_argument("--cases", type=int, default=60, help="size of the hypercube")
     parser.add_argument("--first", type=int, help="run only the first so many of them")
