@@ -6,7 +6,7 @@ model lacks it, and another law would be named for what that leaves. So each law
 that fits best with it. All of these fits are one: variable projection (Golub and Pereyra 1973).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -110,9 +110,9 @@ def fit_law(
     least, start, s = min(tried, key=lambda one: one[0])
     if least > _HOPELESS * present:
         return None
-    free = np.flatnonzero((np.ptp(shapes, axis=0) > 0.0) & (shapes.min(axis=0) > 0.0))
-    bounds = [(low, high) for low, high in zip(shapes.min(axis=0), shapes.max(axis=0), strict=True)]
-    reversals, shape, _ = fit.descend(start, WIDEST, shapes[s], [(int(k), *bounds[k]) for k in free])
+    low, high = shapes.min(axis=0), shapes.max(axis=0)
+    free = {k: (low[k], high[k]) for k in np.flatnonzero((high > low) & (low > 0.0)).tolist()}
+    reversals, shape, _ = fit.descend(start, WIDEST, shapes[s], free)
     return shape, reversals
 
 
@@ -201,26 +201,23 @@ class _JointFit:
 
     def descend(
         self, start: Reversals, widest: float, shape: np.ndarray | None = None,
-        free: Sequence[tuple[int, float, float]] = (),
+        free: Mapping[int, tuple[float, float]] | None = None,
     ) -> tuple[Reversals, np.ndarray, float]:  # fmt: skip
-        """Width, and shape of the law within its bounds, that fit best from a start on, and their loss."""
+        """Width, and free numbers of the law's shape within their bounds, that fit best; and their loss."""
         law = np.zeros(0) if shape is None else np.array(shape, dtype=float)
-        at = [k for k, _, _ in free]
+        bounds = dict(free or {})
 
-        def make(z: np.ndarray) -> tuple[Reversals, np.ndarray]:
-            law[at] = np.exp(z[1:])
-            return Reversals(np.where(self.only, np.exp(z[0]), start.width), start.form), law
+        def make(z: np.ndarray) -> Reversals:
+            law[list(bounds)] = np.exp(z[1:])
+            return Reversals(np.where(self.only, np.exp(z[0]), start.width), start.form)
 
-        def leave(z: np.ndarray) -> np.ndarray:
-            reversals, law = make(z)
-            return self.leave(reversals, law[None])[0]
-
-        low, high = np.log([(_LEAST * self.top, widest * self.top), *((a, b) for _, a, b in free)]).T
-        first = np.log([start.width[self.joint], *law[at]])
+        low, high = np.log([(_LEAST * self.top, widest * self.top), *bounds.values()]).T
+        first = np.log([start.width[self.joint], *law[list(bounds)]])
         found = optimize.least_squares(
-            leave, np.clip(first, low + 1e-3, high - 1e-3), bounds=(low, high), max_nfev=_STEPS, ftol=_NEAR
-        )
-        return *make(found.x), 2.0 * float(found.cost)
+            lambda z: self.leave(make(z), law[None])[0], np.clip(first, low + 1e-3, high - 1e-3),
+            bounds=(low, high), max_nfev=_STEPS, ftol=_NEAR,
+        )  # fmt: skip
+        return make(found.x), law, 2.0 * float(found.cost)
 
 
 def _is_reversal(term: Term, joint: int) -> bool:
