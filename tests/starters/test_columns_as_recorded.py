@@ -27,6 +27,28 @@ def test_a_clock_that_is_wrong_is_told_first_and_taken(tmp_path, n, clock):
     assert fields["sample_rate"] == pytest.approx(bench.rate / clock, rel=1e-3)
 
 
+@pytest.mark.parametrize(("n", "factor"), [(2, 57.2958), (1, 57.2958), (2, 9.5493)])
+def test_speeds_of_another_unit_are_no_clock(tmp_path, n, factor):
+    """Speeds in deg/s or rpm next to positions in rad; the torques fit the clock as it is."""
+    bench = Bench(tmp_path, n, seconds=12.0).record(LOAD, speed=factor)
+    text = bench.refuse()
+    assert f"column 'qd_j1' is {factor:.3g} times the slope of 'q_j1'" in text and "clock" not in text
+    assert "or leave the column out with --velocity none" in text
+    bench.accept("--velocity", "none")
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_where_no_torque_tells_a_clock_from_a_unit_both_are_told(tmp_path, speed):
+    """Friction alone is the same at any speed."""
+    bench = Bench(tmp_path, 1, mass=1e-3, seconds=12.0)
+    bench.record(lambda q, v, a, rng, t: np.tanh(v / 0.01) + rng.normal(0, 0.02, v.shape), speed=speed)
+    text = bench.refuse()
+    assert "the clock or the rate is wrong by a factor of 2" in text
+    assert (
+        "the speeds are in another unit: convert them, or leave the columns out with --velocity none" in text
+    )
+
+
 def test_one_speed_that_is_none_is_no_clock(tmp_path):
     bench = Bench(tmp_path, 2, seconds=12.0).record(LOAD, speed=np.array([1.0, 60.0]))
     assert "column 'qd_j2' is 60 times the slope of 'q_j2'" in bench.refuse()

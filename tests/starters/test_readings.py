@@ -356,6 +356,31 @@ def test_friction_of_the_load_is_no_delay(tmp_path, mass, share, falls):
     Bench(tmp_path, 1, mass, size=0.6, rate=180.0, runs=4).record(torque).accept()
 
 
+def yield_first(v, coulomb, way, rate):
+    """Friction that builds up over a way after each reversal (Dahl), step by step and implicit."""
+    z = np.zeros_like(v)
+    for k in range(1, len(v)):
+        z[k] = (z[k - 1] + v[k] / rate / way) / (1.0 + np.abs(v[k]) / rate / way)
+    return coulomb * z
+
+
+@pytest.mark.parametrize(("n", "way", "late"), [(3, 3e-4, 0.0), slow(2, 1e-3, 0.0), (2, 3e-4, 0.04)])
+def test_friction_that_builds_up_after_a_reversal_is_no_delay(tmp_path, n, way, late):
+    """A gear's teeth yield before they slip. A true delay next to it has its own size."""
+
+    def torque(q, v, a, rng, t):
+        own = yield_first(v, 1.5, way, 200.0) + 0.5 * v + rng.normal(0, 0.02, v.shape)
+        return chain(q, v, a, 1.2, 0.3) + own
+
+    bench = Bench(tmp_path, n, 1.2, size=0.5, rate=200.0, runs=4)
+    bench.record(shifted(torque, late) if late else torque)
+    if late:
+        told = re.search(r"come (\S+) ms late", bench.refuse())
+        assert told is not None and float(told[1]) == pytest.approx(1000.0 * late, abs=4.0)
+    else:
+        assert "follow the motion" not in " ".join(bench.accept())
+
+
 def ripple(q, size):
     """Torque over the joint's own turn, which intake's fit has not."""
     return size * (np.sin(9.0 * q) + np.cos(13.0 * q))

@@ -505,7 +505,7 @@ def _name_option(problem: str) -> str:
             ["give", *(f"--accept '{code}'" for code in yaml.safe_load(f"[{found[2]}]"))]
         ),
         "or declare time_delay": rf"\g<0> with --declare {every}",
-        "or leave the column out": "or leave it out with --velocity none",
+        "or leave the columns? out": r"\g<0> with --velocity none",
         r"convert it to the joint's (rad|m)\b": "give --position-unit, or --side motor",
         r"give torque on the joint side of the gear in N m \(or N\)": (
             r"\g<0>, by --torque-constant or --torque-side motor"

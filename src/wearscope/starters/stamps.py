@@ -22,8 +22,9 @@ _NAMES = {
     "ns": {"nsec", "nsecs", "nanosec", "nanos", "nanoseconds"},
     "d": {"days"},
 }
-#: Range of sampling rates of robots [Hz]; a unit that gives a rate outside is not the clock's.
-_SLOWEST, _FASTEST = 5.0, 20_000.0
+#: Range of sampling rates of robots [Hz], 5 Hz of rounded stamps among them; a unit that gives a rate outside
+#: is not the clock's.
+_SLOWEST, _FASTEST = 4.99, 20_000.0
 #: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
 _COARSE, _UNSORTED = 0.1, 0.02
 _LOSS = 1.6

@@ -351,6 +351,13 @@ def test_a_constant_weight_that_is_missing_is_told(tmp_path, share):
         assert float(has) == pytest.approx(weight, abs=0.02 * MASS * GRAVITY)
 
 
+def test_a_slide_that_counts_downwards_is_named_next_to_gravity(tmp_path):
+    """Its torque is that of gravity upwards."""
+    folder = swing(tmp_path / "p", 0.1)
+    raise_slide(folder, -MASS * GRAVITY)
+    refuse(folder, r"'q_pivot' and 'tau_pivot' have the opposite sign .* gravity acts along \[0, 0, 9\.81\]")
+
+
 def test_a_light_link_s_weight_is_not_missed_next_to_its_payload_s(tmp_path):
     """Less than the link's own weight is missing, of a torque that the payload's makes."""
     folder = swing(tmp_path / "p", 1.0)

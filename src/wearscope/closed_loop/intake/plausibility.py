@@ -7,10 +7,12 @@ others: one machine must explain both. A data set is refused with the best readi
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
+from wearscope.closed_loop.intake.filtering import differentiate
+from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signal_checks import check_signals, check_speeds
 from wearscope.closed_loop.intake.traits import notes
 from wearscope.closed_loop.intake.traits.hypotheses import say_columns, tell
@@ -42,7 +44,7 @@ def check_plausibility(prepared: Prepared) -> None:
     """
     first, rows = len(prepared.notes), Rows.of(prepared)
     left = np.array([_leave(rows.pick(rows.run == k)) for k in range(len(prepared.runs))])
-    check_speeds(prepared)
+    check_speeds(prepared, partial(_ask_clock, prepared))
     if rows.heard:
         _check_signs(prepared, rows)
         found = _check_readings(prepared, rows)
@@ -54,6 +56,20 @@ def check_plausibility(prepared: Prepared) -> None:
         notes.add_notes(prepared, rows, found)
     prepared.notes += prepared.dataset.accepted.list_unused()
     prepared.checked = prepared.notes[first:]
+
+
+def _ask_clock(prepared: Prepared, factor: float) -> float:
+    """Nats for a clock that is wrong by a factor, along the slopes of the positions alone."""
+    rows = Rows.of(replace(prepared, runs=[_take_slopes(run) for run in prepared.runs], notes=[]))
+    return look_at(rows, Reading.stated(rows.n).has("clock", 0.0, clock=factor)) if rows.heard else 0.0
+
+
+def _take_slopes(run: PreparedRun) -> PreparedRun:
+    """A run with the slopes of its positions in the place of recorded speeds."""
+    v = differentiate(run.signals.q, run.band.rate)
+    sign = np.where(run.resting, 0.0, np.sign(v))
+    signals = replace(run.signals, v=v, a=differentiate(v, run.band.rate), sign=sign, _slopes={})
+    return replace(run, signals=signals)
 
 
 def _leave(rows: Rows) -> np.ndarray:
@@ -118,16 +134,9 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     if max(map(found.best.rub, range(len(found.best.left)))) < notes.NO_FRICTION:
         parts = [one.replace("no gravity", "neither gravity nor friction") for one in parts]
     codes = [code for _, some in refused for code in some]
-    named = set(codes)
-    text = "; in addition, ".join(parts)
-    for tie in found.ties:
-        rival = tell(tie.reading, rows)[0]
-        other = [(told, some) for told, some in rival if not set(some) <= set(codes)]
-        # A rival names something in the place of the best reading, not in addition to it.
-        if other and not named <= {code for _, some in rival for code in some}:
-            others = "; ".join(told.rstrip(".") for told, _ in other)
-            text += f"; or, which these motions do not tell from it, {others}"
-            codes += [code for _, some in other for code in some]
+    rivals = found.list_rivals(rows)
+    text = "; or, which these motions do not tell from it, ".join(["; in addition, ".join(parts), *rivals])
+    codes += [code for some in rivals.values() for code in some]
     return f"{text}.", tuple(dict.fromkeys(codes))
 
 

@@ -1,12 +1,14 @@
 """Whether signals of a run can be: positions within limits, speeds that are slopes, encoders that live."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from wearscope.closed_loop.intake.cleaning import QUANTA
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.recording import estimate_quantum
-from wearscope.closed_loop.intake.traits.hypotheses import say_clock
+from wearscope.closed_loop.intake.traits.hypotheses import NOTE, say_clock
 from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 
 #: Largest difference of the logarithms of speed factors that count as the same.
@@ -49,10 +51,16 @@ def _check_limits(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -
             prepared.refuse(str(prepared.dataset.folder / run.file), told, f"limits q_{joint.name}")
 
 
-def check_speeds(prepared: Prepared) -> None:
+def check_speeds(prepared: Prepared, ask_clock: Callable[[float], float]) -> None:
     """Refuse given speeds that are not the derivative of the cleaned positions, in each run's first piece.
 
-    Where the speeds of all moving joints are off by the same factor, the clock is wrong.
+    Where the speeds of all moving joints are off by the same factor, the clock is wrong or their unit is.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    ask_clock : callable
+        ``ask_clock(factor)`` is for how many nats the torques speak for a clock that is wrong by a factor.
 
     Raises
     ------
@@ -70,11 +78,15 @@ def check_speeds(prepared: Prepared) -> None:
     alike = min(alike for _, _, alike in gains.values())
     factor = float(np.median([gain for _, gain, _ in gains.values()]))
     one = max(abs(np.log(gain / factor)) if gain > 0.0 else np.inf for _, gain, _ in gains.values())
-    joints = {j for _, j in gains}
-    if len(joints) > 1 and alike > 0.8 and one < _ONE_FACTOR:
+    for_clock = ask_clock(1.0 / factor) if alike > 0.8 and one < _ONE_FACTOR else -np.inf
+    if for_clock > -NOTE:
         told, codes = say_clock(1.0 / factor)
+        if for_clock < NOTE:
+            told += (
+                "; or, which the torques do not tell from it, the speeds are in another unit: convert them"
+            )
         told = f"every speed column is {factor:.3g} times the slope of its position: {told}"
-        prepared.refuse(str(prepared.dataset.folder), f"{told}, or leave the column out.", *codes)
+        prepared.refuse(str(prepared.dataset.folder), f"{told}, or leave the columns out.", *codes)
         return
     for (_, j), gain in off.items():
         run, _, alike = gains[next(key for key in gains if key[1] == j and off.get(key) == gain)]

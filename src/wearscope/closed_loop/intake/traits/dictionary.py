@@ -30,12 +30,11 @@ _FALLS = (0.05, 0.3)
 _WAVES, _PLACES = 6, 3
 #: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
 #: sign.
-OWN: tuple[str, ...] = ("inertia", "Coulomb", "viscous", "offset", "load friction", "spring")
+OWN: tuple[str, ...] = ("inertia", "Coulomb", "late friction", "viscous", "offset", "load friction", "spring")
 OWN = (*OWN, "balancer", "balancer", *["falling friction"] * 2, *["falling load friction"] * 2)
 OWN = (*OWN, *["force by position"] * (2 * _WAVES), *["friction by position"] * _PLACES)
 OWN = (*OWN, *["damping by position"] * _PLACES)
-DRIVE, FREE = 4, ("offset", "spring", "balancer", "force by position")
-FRICTION = slice(1, 3)
+DRIVE, FREE = 5, ("offset", "spring", "balancer", "force by position")
 #: A change of the links' parameters counts as without effect below this share of the strongest one's effect.
 _ACTS = 1e-9
 #: Step [s] of the derivatives along a motion; step of a position, over its span.
@@ -108,7 +107,8 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     soft = _bend(moved, body, motors)
     top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
     load = moved.sign * np.abs(known)
-    own = [moved.a, moved.sign, moved.v, np.ones_like(known), load, moved.q, np.sin(moved.q), np.cos(moved.q)]
+    own = [moved.a, moved.sign, moved.late, moved.v, np.ones_like(known)]
+    own += [load, moved.q, np.sin(moved.q), np.cos(moved.q)]
     if not coarse:
         falls = [np.exp(-slow / (share * top)) for share in _FALLS]
         own += [x * f for x in (moved.sign, load) for f in falls]

@@ -192,12 +192,13 @@ def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
     at = np.array(off) if off else at
     if not len(at):
         return None
-    names = _name(rows, at, "tau")
+    names, values = _name(rows, at, "tau"), [f"{one:.3g}" for one in size[at]]
+    alike = len(set(values)) == 1
+    values = values[:1] if alike else values
     if not off:
-        values = [f"{one:.3g}" for one in size[at]]
         where = [rows.joints[j] for j in at]
-        if set(rows.heard) == set(at.tolist()) and len(set(values)) == 1:
-            where, values = ["all joints"], values[:1]
+        if alike and set(rows.heard) == set(at.tolist()):
+            where = ["all joints"]
         told = (
             f"torques at {', '.join(where)} are {', '.join(values)} times what the stated bodies need: the "
             "payload, masses, torque constants or positions (gear ratio, counts per turn) are off, or a "
@@ -217,10 +218,10 @@ def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
     if turned := [name for name, one in zip(names, size[at], strict=True) if one < 0.0]:
         columns = ", ".join(turned)
         hint += f'; what is negative is turned round too: write "turned: [{columns}]" in dataset.yaml'
-    verb, sizes = "is" if len(at) == 1 else "are", ", ".join(f"{one:.3g}" for one in size[at])
+    verb = "is" if len(at) == 1 else "are"
     told = (
-        f"{say_columns(names)} {verb} {sizes} times what the rigid body needs, as currents or torques in "
-        f"another unit or before a gear are; {hint}."
+        f"{say_columns(names)} {verb} {', '.join(values)} times what the rigid body needs, as currents or "
+        f"torques in another unit or before a gear are; {hint}."
     )
     return told, tuple(f"gain {name}" for name in names)
 
@@ -236,7 +237,7 @@ def _propose_signs(few: Weighing, r: Reading) -> Iterator[Reading]:
         yield r.has("sign", 0.0, **torque)
         if not few.rows.slides[j]:
             yield r.has("sign", 0.0, **position)
-            yield r.has("sign", 0.0, **torque, **position)
+        yield r.has("sign", 0.0, **torque, **position)
 
 
 def _tell_signs(r: Reading, rows: Rows) -> Told | None:

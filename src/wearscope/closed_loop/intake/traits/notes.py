@@ -21,11 +21,12 @@ _AWAY, _SURE = 2.0, 2.0
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     """Add what is noted of a data set to its notes."""
-    loaded = PAYLOAD in found.stated.terms and found.best.reading.traits == ("size",)
+    loaded = PAYLOAD in found.stated.terms and found.best.reading.traits in ((), ("size",))
+    sized = [one for one in (found.best, *found.ties) if loaded and one.reading.traits == ("size",)][:1]
     rivals: list[str] = []
-    if loaded and found.best.over(found.stated) < REFUSE:
+    if sized and sized[0].over(found.stated) < REFUSE:
         # A payload explains about as much as a factor of the torques, and it can be weighed.
-        rivals = [told for some in tell(found.best.reading, rows) for told, _ in some]
+        rivals = [told for some in tell(sized[0].reading, rows) for told, _ in some]
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
@@ -35,7 +36,8 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
         more = sorted(found.stated.terms - model.terms)
         rival = " or ".join(f"{name} at {names[j]}" if j >= 0 else name for name, j in more)
         also = f"; these motions do not tell it from {rival}." if rival else "."
-        prepared.notes += [f"perhaps {told.rstrip('.')}{also}" for told, _ in refused]
+        other = "; or perhaps ".join(["", *found.list_rivals(rows)])
+        prepared.notes += [f"perhaps {told.rstrip('.')}{other}{also}" for told, _ in refused]
     elif found.best.over(found.stated) > NOTE:
         left = f"it leaves up to {100 * np.sqrt(model.held.max()):.0f} % of a torque (RMS)"
         prepared.notes += [f"perhaps, though {left}: {told}" for told, _ in refused]
@@ -124,8 +126,8 @@ def _note_payload(prepared: Prepared, found: Weighed) -> None:
         com = ", ".join(f"{x:.3g}" for x in whole[1:] / whole[0])
         line = f'write "payload: {{mass: {whole[0]:.3g}, com: [{com}]}}" at {at}'
     prepared.notes.append(
-        f"a payload about {abs(mass):.2g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated "
-        f"({abs(mass) - error:.2g} to {abs(mass) + error:.2g} kg) explains the torques better{where}. "
+        f"a payload about {abs(mass):.3g} kg {'heavier' if mass > 0.0 else 'lighter'} than stated "
+        f"({abs(mass) - error:.3g} to {abs(mass) + error:.3g} kg) explains the torques better{where}. "
         f"If that is what the machine carries, {line} in dataset.yaml; otherwise the last link's mass is "
         "off by as much."
     )

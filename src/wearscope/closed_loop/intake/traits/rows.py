@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,12 @@ LONGEST = 0.3
 #: A drive is idle where its torque varies less than this share of the usual variation, unless the motion
 #: explains the second share of it; a joint rests in a run below the third share of its reach.
 _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
+#: Way over which friction builds up after a reversal (presliding), as a share of the joint's reach; way of a
+#: joint that does not move [rad or m].
+_YIELDS, _LEAST_WAY = 0.0003, 1e-12
 #: Neighbouring rows in a block of residuals.
 _BLOCK = 8
-_MOTION = ("q", "v", "a", "sign", "jerk", "snap")
+_MOTION = ("q", "v", "a", "sign", "late", "jerk", "snap")
 
 
 @dataclass(frozen=True)
@@ -32,8 +36,8 @@ class Rows:
     prepared : Prepared
     q, v, a, jerk, snap : ndarray
         Position and its derivatives at the common bandwidth.
-    sign : ndarray
-        Direction of motion.
+    sign, late : ndarray
+        Direction of motion, and how one that follows reversals over a short way differs from it.
     tau : ndarray
     counts : ndarray of bool
         Rows that count for a torque column.
@@ -51,6 +55,7 @@ class Rows:
     jerk: np.ndarray
     snap: np.ndarray
     sign: np.ndarray
+    late: np.ndarray
     tau: np.ndarray
     counts: np.ndarray
     run: np.ndarray
@@ -171,7 +176,7 @@ class Rows:
                 own[name][:, j] = x
         powers = {"v": 1, "a": 2, "jerk": 3, "snap": 4}
         own |= {name: own[name] * factor / reading.clock**k for name, k in powers.items()}
-        own |= {"sign": own["sign"] * np.sign(factor) * np.sign(reading.clock)}
+        own |= {name: own[name] * np.sign(factor) * np.sign(reading.clock) for name in ("sign", "late")}
         own |= {"q": own["q"] * factor + reading.zero}
         at = self.doubted[:, None]
         return replace(self, **{name: np.where(at, own[name], getattr(self, name)) for name in _MOTION})
@@ -194,10 +199,31 @@ def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
     signals, most = run.signals, max(MOST_ROWS // runs, 3 * LEAST_ROWS)
     at = slice(None, None, max(1, len(run.t) // most))
     motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
+    motion["late"] = _find_late(run)
     own = {name: run.reduce(x)[at] for name, x in motion.items()}
     line = interpolate.CubicSpline(run.t, run.reduce(signals.a))
     own |= {"jerk": line(run.t[at], 1), "snap": line(run.t[at], 2)}
     return own | {"tau": run.measured[at], "counts": run.keep[at], "t": run.t[at]}
+
+
+def _find_late(run: PreparedRun) -> np.ndarray:
+    """Direction (N, n) that follows reversals over a short way, less the direction at once; 0 at rest."""
+    v, ways = run.signals.v, _YIELDS * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
+    travelled = np.cumsum(np.abs(v), axis=0) / run.band.rate
+    joints = zip(np.sign(v).T, travelled.T, ways.tolist(), strict=True)
+    late = [_lag_direction(sign, path, way) - sign for sign, path, way in joints]
+    return np.where(run.resting, 0.0, np.column_stack(late))
+
+
+def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:
+    """Direction (N,) that follows a reversal over a distance: dz = (sign - z) d(travelled) / distance."""
+    lagged, state = np.empty(len(sign)), 0.0
+    edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), len(sign)]
+    for start, stop in pairwise(edges):
+        since = travelled[start:stop] - travelled[max(start - 1, 0)]
+        lagged[start:stop] = sign[start] + (state - sign[start]) * np.exp(-since / distance)
+        state = lagged[stop - 1]
+    return lagged
 
 
 def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:

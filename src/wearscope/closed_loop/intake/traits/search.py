@@ -36,7 +36,7 @@ class Weighed:
     best : Model
         The best reading; the stated one where none is better by `NOTE`.
     ties : list of Model
-        Readings with as many traits as the best one that explain the torques as well.
+        Readings with as many traits as the best one, or with one, that explain the torques as well.
     """
 
     stated: Model
@@ -53,6 +53,19 @@ class Weighed:
         asked = (own | ~own.any()) & (held < HOPELESS)
         told = held[asked] <= np.maximum(LITTLE, _LESS * self.stated.held)[asked]
         return bool(asked.any() and told.mean() >= _TOLD)
+
+    def list_rivals(self, rows: Rows) -> dict[str, list[str]]:
+        """What the ties would refuse in the place of the best reading: by sentence, its codes."""
+        named = {code for _, some in tell(self.best.reading, rows)[0] for code in some}
+        found: dict[str, list[str]] = {}
+        for tie in self.ties:
+            told = tell(tie.reading, rows)[0]
+            other = [(text.rstrip("."), some) for text, some in told if not set(some) <= named]
+            # A rival names something in the place of the best reading, not in addition to it.
+            if other and not named <= {code for _, some in told for code in some}:
+                codes = [code for _, some in other for code in some]
+                found["; ".join(text for text, _ in other)] = codes
+        return found
 
 
 def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
@@ -93,12 +106,11 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         front = ranked[:_FRONT] if best is stated else [best.reading]
         if best is stated and stated.held.max() < MUCH:
             break
+    traits = max(1, len(best.reading.traits))
     ties = [
-        one
-        for one in pool
-        if one is not best and len(one.reading.traits) == len(best.reading.traits) and best.over(one) < NOTE
+        one for one in pool if one is not best and len(one.reading.traits) == traits and best.over(one) < NOTE
     ]
-    return Weighed(stated, best, ties if best is not stated else [])
+    return Weighed(stated, best, ties)
 
 
 def _find_loaded(model: Model) -> np.ndarray | None:
