@@ -287,7 +287,7 @@ def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
     said = bench.refuse("--position-unit", "rad")
     found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
     assert found == pytest.approx([1.0 / (ratio * unit)] * n, rel=0.1)
-    found = re.search(r"in addition, 'tau_j1'.* are (\S+), .* times", said)
+    found = re.search(r"in addition, 'tau_j1'.* are (\S+) times", said)
     assert found is not None and float(found[1]) == pytest.approx(1.0 / ratio, rel=0.15)
 
 

@@ -30,11 +30,12 @@ _FALLS = (0.05, 0.3)
 _WAVES, _PLACES = 6, 3
 #: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
 #: sign.
-OWN: tuple[str, ...] = ("inertia", "Coulomb", "late friction", "viscous", "offset", "load friction", "spring")
-OWN = (*OWN, "balancer", "balancer", *["falling friction"] * 2, *["falling load friction"] * 2)
+OWN: tuple[str, ...] = ("inertia", "Coulomb", "sharp friction", "late friction", "viscous", "offset")
+OWN = (*OWN, "load friction", "spring", "balancer", "balancer")
+OWN = (*OWN, *["falling friction"] * 2, *["falling load friction"] * 2)
 OWN = (*OWN, *["force by position"] * (2 * _WAVES), *["friction by position"] * _PLACES)
 OWN = (*OWN, *["damping by position"] * _PLACES)
-DRIVE, FREE = 5, ("offset", "spring", "balancer", "force by position")
+DRIVE, FREE = 6, ("offset", "spring", "balancer", "force by position")
 #: A change of the links' parameters counts as without effect below this share of the strongest one's effect.
 _ACTS = 1e-9
 #: Step [s] of the derivatives along a motion; step of a position, over its span.
@@ -107,7 +108,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     soft = _bend(moved, body, motors)
     top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
     load = moved.sign * np.abs(known)
-    own = [moved.a, moved.sign, moved.late, moved.v, np.ones_like(known)]
+    own = [moved.a, moved.sign, moved.sharp, moved.late, moved.v, np.ones_like(known)]
     own += [load, moved.q, np.sin(moved.q), np.cos(moved.q)]
     if not coarse:
         falls = [np.exp(-slow / (share * top)) for share in _FALLS]

@@ -24,7 +24,7 @@ _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
 _YIELDS, _LEAST_WAY = 0.0003, 1e-12
 #: Neighbouring rows in a block of residuals.
 _BLOCK = 8
-_MOTION = ("q", "v", "a", "sign", "late", "jerk", "snap")
+_MOTION = ("q", "v", "a", "sign", "sharp", "late", "jerk", "snap")
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,9 @@ class Rows:
     prepared : Prepared
     q, v, a, jerk, snap : ndarray
         Position and its derivatives at the common bandwidth.
-    sign, late : ndarray
-        Direction of motion, and how one that follows reversals over a short way differs from it.
+    sign, sharp, late : ndarray
+        Direction of motion, as friction's reversals seem to be; how one that changes at once differs from it,
+        and one that follows over a short way from one at once.
     tau : ndarray
     counts : ndarray of bool
         Rows that count for a torque column.
@@ -55,6 +56,7 @@ class Rows:
     jerk: np.ndarray
     snap: np.ndarray
     sign: np.ndarray
+    sharp: np.ndarray
     late: np.ndarray
     tau: np.ndarray
     counts: np.ndarray
@@ -176,7 +178,8 @@ class Rows:
                 own[name][:, j] = x
         powers = {"v": 1, "a": 2, "jerk": 3, "snap": 4}
         own |= {name: own[name] * factor / reading.clock**k for name, k in powers.items()}
-        own |= {name: own[name] * np.sign(factor) * np.sign(reading.clock) for name in ("sign", "late")}
+        way = np.sign(factor) * np.sign(reading.clock)
+        own |= {name: own[name] * way for name in ("sign", "sharp", "late")}
         own |= {"q": own["q"] * factor + reading.zero}
         at = self.doubted[:, None]
         return replace(self, **{name: np.where(at, own[name], getattr(self, name)) for name in _MOTION})
@@ -199,6 +202,7 @@ def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
     signals, most = run.signals, max(MOST_ROWS // runs, 3 * LEAST_ROWS)
     at = slice(None, None, max(1, len(run.t) // most))
     motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
+    motion["sharp"] = np.where(run.resting, 0.0, np.sign(signals.v)) - signals.sign
     motion["late"] = _find_late(run)
     own = {name: run.reduce(x)[at] for name, x in motion.items()}
     line = interpolate.CubicSpline(run.t, run.reduce(signals.a))
