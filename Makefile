@@ -76,7 +76,7 @@ cluster: developed
 # Whether the tests notice a changed operator: docs/reliability.md. ARGS: rooms, --mutants, --seed.
 mutants: developed
 	@$(INSTALL) envs/mutants.lock
-	$(BIN)/python -u benchmarks/mutants.py $(ARGS)
+	$(BIN)/python -u -m benchmarks.mutants $(ARGS)
 
 setup: $(VENV)/installed
 

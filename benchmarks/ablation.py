@@ -15,6 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 from benchmarks.board.regimes import list_cases
+from benchmarks.command import write_row
 from benchmarks.paired import compare
 from benchmarks.runner import make_parser, run_cases
 from wearscope.closed_loop.inference.moves import Moves
@@ -69,7 +70,7 @@ def main(arguments=None):
             r for r in compare(today, read_table(out / "cases.parquet")).itertuples() if r.score == "exact"
         )
         won, lost = len(row.won.split()), len(row.lost.split())
-        sys.stdout.write(f"| {name} | {row.after} of {row.cases} | {won} | {lost} | {row.p:.3g} |\n")
+        print(write_row(name, f"{row.after} of {row.cases}", won, lost, f"{row.p:.3g}"))
     return 0
 
 

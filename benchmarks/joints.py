@@ -27,7 +27,7 @@ from benchmarks.board.generate import generate_dataset
 from benchmarks.board.outside import OUTSIDE
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.board.regimes import ONE_JOINT
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 from benchmarks.outside.drawn import _HEAVY as HEAVY
 from benchmarks.outside.drawn import _ONE as ONE
 from benchmarks.outside.drawn import _PAYLOAD as PAYLOAD
@@ -234,14 +234,11 @@ def write_ablation(rows, seconds):
     """Truly and falsely `unexplained` joints with all ways, and with each switched off."""
     due = [row["seen"] for row in rows if row["left"] == "outside"]
     none = [row["seen"] for row in rows if row["left"] == "none"]
-    lines = [
-        "| switched off | of outside effects found | falsely unexplained | processor s |",
-        "|---|---|---|---|",
-    ]
+    lines = [write_heads("switched off", "of outside effects found", "falsely unexplained", "processor s")]
     for way in ("", *WAYS):
         found, false = (sum(bool(seen - {way}) for seen in some) for some in (due, none))
         cost = f"{seconds[way]:.2f}" if way else ""
-        lines.append(f"| {way or 'nothing'} | {found} of {len(due)} | {false} of {len(none)} | {cost} |")
+        lines.append(write_row(way or "nothing", f"{found} of {len(due)}", f"{false} of {len(none)}", cost))
     return "\n".join(lines) + "\n"
 
 

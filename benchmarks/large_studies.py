@@ -17,6 +17,7 @@ import pandas as pd
 import psutil
 import yaml
 
+from benchmarks.command import write_heads, write_row
 from wearscope.processes import STARTER, identify_process
 from wearscope.storage.files import write_text
 
@@ -84,9 +85,10 @@ class Found:
 
     def tell(self, name: str, how: str) -> None:
         """Print it as a row of a table; what is not known is left empty."""
-        counts = f"{self.simulations:,.0f} | {self.jobs:,.0f} | {self.files:,.0f} | {self.gigabytes:.3f}"
+        counts = (f"{count:,.0f}" for count in (self.simulations, self.jobs, self.files))
         wall = "" if self.wall != self.wall else f"{self.wall:.3f}"
-        print(f"| {name} | {how} | {counts} | {self.processor:.3f} | {wall} |", flush=True)
+        row = write_row(name, how, *counts, f"{self.gigabytes:.3f}", f"{self.processor:.3f}", wall)
+        print(row, flush=True)
 
 
 def read_tree_time(pid: int) -> float:
@@ -191,7 +193,7 @@ def predict(before: list[Found], robots: int, points: int) -> Found:
 
 def check_plan(folder: Path, given: argparse.Namespace) -> None:
     """Run studies of one robot, then divided ones, and print what came, with what those before predict."""
-    print("| study | | simulations | jobs | files | GB | processor [h] | wall [h] |\n|" + 8 * "---|")
+    print(write_heads("study", "", "simulations", "jobs", "files", "GB", "processor [h]", "wall [h]"))
     line: list[Found] = []
     for asked in [*given.run, *given.partitions]:
         robots, points = map(int, asked.split("x"))

@@ -1,7 +1,7 @@
 """Do the tests notice a changed operator? Mutants of cosmic-ray, drawn at random, by room.
 
     make mutants                                          every room, 25 mutants each
-    .venv/bin/python benchmarks/mutants.py effects --mutants 40 --seed 1
+    .venv/bin/python -m benchmarks.mutants effects --mutants 40 --seed 1
 
 A room's mutants are tried on the room's fast tests alone, in a copy of the tree. One place of the code gives
 one mutant, whatever the number of ways to change it: an operator in another's place, a comparison turned, a
@@ -11,13 +11,11 @@ bound is just enough is no fact about a robot.
 A mutant that takes four times as long as the tests do is killed. Cosmic-ray comes by `make mutants`.
 """
 
-import argparse
 import ast
 import os
 import random
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -30,8 +28,13 @@ from typing import Any
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
+from benchmarks.command import start_parser, write_heads, write_row
+
 ROOT = Path(__file__).parents[1]
-TREE = "Makefile README.md LICENSE Snakefile pyproject.toml benchmarks config docs envs profiles src"
+sys.path.insert(0, str(ROOT / "tests"))
+
+from clones import copy_tree  # noqa: E402
+
 INFERENCE = "src/wearscope/closed_loop/inference"
 #: Modules and tests by room; tests in the order in which they are asked.
 ROOMS = {
@@ -133,7 +136,7 @@ def try_room(room: str, kinds: str, mutants: int, seed: int, budget: float) -> S
     modules, tests = ROOMS[room]
     with tempfile.TemporaryDirectory(prefix=f"mutants-{room}-") as temporary:
         tree = Path(temporary) / "tree"
-        copy_tree(tree)
+        copy_tree(tree, compiled=False)
         options = "-q -x -p no:cacheprovider -m 'not slow and not long'"
         command = f"{sys.executable} -m pytest {options} {' '.join(tests)}"
         environment = os.environ | {
@@ -170,19 +173,9 @@ def try_room(room: str, kinds: str, mutants: int, seed: int, budget: float) -> S
     return Score(places, len(outcomes) - len(survivors), survivors, time.monotonic() - start)
 
 
-def copy_tree(tree: Path) -> None:
-    """Copy what the tests read."""
-    tree.mkdir(parents=True)
-    for source in (ROOT / name for name in [*TREE.split(), "tests", "workflow"]):
-        if source.is_dir():
-            shutil.copytree(source, tree / source.name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy2(source, tree)
-
-
 def main() -> None:
     """Try the rooms asked for; print survivors, and a table of how many were killed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = start_parser(__doc__)
     parser.add_argument("rooms", nargs="*", metavar="ROOM", help=f"of {', '.join(ROOMS)}; all unless given")
     parser.add_argument("--mutants", type=int, default=25, help="a room; default 25")
     parser.add_argument("--seed", type=int, default=0)
@@ -202,8 +195,8 @@ def main() -> None:
         lived, all_tried = lived + len(score.survivors), all_tried + tried
         share = f"{score.killed / tried:.0%}" if tried else "-"
         print(f"{room}: {score.killed} of {tried} killed in {score.seconds:.0f} s\n", flush=True)
-        rows.append(f"| {room} | {score.places} | {tried} | {score.killed} | {share} |")
-    print("| room | places | mutants | killed | share |\n|---|---|---|---|---|", *rows, sep="\n")
+        rows.append(write_row(room, score.places, tried, score.killed, share))
+    print(write_heads("room", "places", "mutants", "killed", "share"), *rows, sep="\n")
     if lived > (1.0 - given.least) * all_tried:
         sys.exit(f"{lived} of {all_tried} mutants live; at least {given.least:.0%} are to be killed")
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.contingency_tables import mcnemar
 
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 from wearscope.errors import InputError
 from wearscope.storage.tables import read_table
 
@@ -83,17 +83,11 @@ def write_comparison(folders: Sequence[Path]) -> str:
             f"{folders[0]} and {folders[1]} have no case in common; run both with the same options."
         )
     told = cases[1].set_index("dataset")["told"]
-    lines = [
-        f"{len(shared)} cases in both.",
-        "",
-        "| right in | cases | before | after | won | lost | p |",
-        "|---|" + "---|" * 6,
-    ]
+    heads = write_heads("right in", "cases", "before", "after", "won", "lost", "p")
+    lines = [f"{len(shared)} cases in both.", "", heads]
     for row in rows.itertuples():
         won, lost = len(row.won.split()), len(row.lost.split())
-        lines.append(
-            f"| {row.score} | {row.cases} | {row.before} | {row.after} | {won} | {lost} | {row.p:.3g} |"
-        )
+        lines.append(write_row(row.score, row.cases, row.before, row.after, won, lost, f"{row.p:.3g}"))
     lines += ["", *_tell_numbers(cases, entries, sorted(shared)), ""]
     for row in rows.itertuples():
         for word, names in (("won", row.won), ("lost", row.lost)):

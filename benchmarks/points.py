@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 
 ROOT = Path(__file__).parents[1]
 CYCLE = ROOT / "tests" / "workflow" / "tiny" / "short_moves.py"
@@ -67,13 +67,13 @@ def main() -> None:
     if given.one is not None:
         print(json.dumps(run_points(given.one)))
         return
-    print("| points | simulate [ms a point] | read [ms a point] | peak [MiB] |\n|---|---|---|---|")
+    print(write_heads("points", "simulate [ms a point]", "read [ms a point]", "peak [MiB]"))
     for count in given.points:
         command = [sys.executable, "-m", "benchmarks.points", "--one", str(count)]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
         row = json.loads(done.stdout.splitlines()[-1])
-        times = f"{row['simulate_ms_a_point']:.1f} | {row['read_ms_a_point']:.2f}"
-        print(f"| {count} | {times} | {row['peak_mib']:.0f} |", flush=True)
+        times = f"{row['simulate_ms_a_point']:.1f}", f"{row['read_ms_a_point']:.2f}"
+        print(write_row(count, *times, f"{row['peak_mib']:.0f}"), flush=True)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import psutil
 
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 from benchmarks.large_studies import ROOT, check_plan, read_jobs, write_study
 from wearscope.config import PartitionSettings
 
@@ -168,18 +168,16 @@ def main() -> None:
     parser.add_argument("--in", dest="folder", type=Path, help="where these two work; a temporary folder")
     given = parser.parse_args()
     if given.dry:
-        print(
-            "| robots | points | jobs | wall [s] | processor [s] | queued [s] | peak [MiB] | 120 s, 2 GiB |"
-        )
-        print("|" + 8 * "---|")
+        heads = "robots, points, jobs, wall [s], processor [s], queued [s], peak [MiB]".split(", ")
+        print(write_heads(*heads, "120 s, 2 GiB"))
     for asked in given.dry:
         robots, points = map(int, asked.split("x"))
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
             one = dry_run(folder, write_study(folder, robots, points, given.job_seconds))
-        times = f"{one.wall:.0f} | {one.processor:.0f} | {one.queued:.0f}"
-        told = f"{sum(one.jobs.values()) or '-'} | {times} | {one.peak:.0f} | {one.ended or 'held'}"
-        print(f"| {robots} | {points} | {told} |", flush=True)
+        taken = (f"{number:.0f}" for number in (one.wall, one.processor, one.queued, one.peak))
+        jobs = sum(one.jobs.values()) or "-"
+        print(write_row(robots, points, jobs, *taken, one.ended or "held"), flush=True)
     if given.run or given.partitions:
         with tempfile.TemporaryDirectory() as temporary:
             check_plan(given.folder or Path(temporary), given)
@@ -193,14 +191,11 @@ def main() -> None:
             "one partition: 1 robot": [1, GOAL["cycles"], GOAL["points"]],
             f"direct Monte Carlo, {runs:,} runs": [2, 6, runs // 12],
         }
-        print("\n| study | simulations | jobs | files | GB | core-hours | hours on 1,000 cores |")
-        print("|---|---|---|---|---|---|---|")
+        heads = "study, simulations, jobs, files, GB, core-hours".split(", ")
+        print(f"\n{write_heads(*heads, 'hours on 1,000 cores')}")
         for name, numbers in studies.items():
-            runs, jobs, files, gigabytes, hours = plan(costs, *numbers, given.job_seconds)
-            print(
-                f"| {name} | {runs:,.0f} | {jobs:,.0f} | {files:,.0f} | {gigabytes:,.0f} | {hours:,.0f} "
-                f"| {hours / 1000:.2f} |"
-            )
+            planned = plan(costs, *numbers, given.job_seconds)
+            print(write_row(name, *(f"{one:,.0f}" for one in planned), f"{planned[-1] / 1000:.2f}"))
 
 
 if __name__ == "__main__":

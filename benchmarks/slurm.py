@@ -17,7 +17,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -38,19 +38,16 @@ def compare(name: str, ways: list[str], cores: int, environment: dict[str, str])
             found = read_results(tree)
             if way == "local":
                 local, wanted = one, found
-                told = f"{len(wanted)} | {one.processor:.0f} s of processor"
-                print(
-                    f"| {name} | {way} | {one.wall:.0f} | | | {os.getloadavg()[0]:.1f} | {told} |", flush=True
+                beyond, told = ("", ""), f"{one.processor:.0f} s of processor"
+            else:
+                differ = sorted(
+                    key for key in wanted.keys() | found.keys() if wanted.get(key) != found.get(key)
                 )
-                continue
-            differ = sorted(key for key in wanted.keys() | found.keys() if wanted.get(key) != found.get(key))
-            told = f"{len(differ)} differ, e.g. {differ[0]}" if differ else "the same bytes"
-            over, added = one.wall - local.wall, one.added_to(local)
-            print(
-                f"| {name} | {way} | {one.wall:.0f} | {over / local.wall:+.0%} | {added:.1f} "
-                f"({added / local.wall:.0%}) | {os.getloadavg()[0]:.1f} | {len(found)} | {told} |",
-                flush=True,
-            )
+                told = f"{len(differ)} differ, e.g. {differ[0]}" if differ else "the same bytes"
+                over, added = one.wall - local.wall, one.added_to(local)
+                beyond = f"{over / local.wall:+.0%}", f"{added:.1f} ({added / local.wall:.0%})"
+            load = f"{os.getloadavg()[0]:.1f}"
+            print(write_row(name, way, f"{one.wall:.0f}", *beyond, load, len(found), told), flush=True)
 
 
 def main() -> None:
@@ -63,7 +60,7 @@ def main() -> None:
     given = parser.parse_args()
     if unknown := set(given.works) - set(WORKS):
         parser.error(f"no such work: {', '.join(sorted(unknown))}")
-    print("| work | way | wall [s] | over local | added [s] | load | files | |\n|" + 8 * "---|")
+    print(write_heads("work", "way", "wall [s]", "over local", "added [s]", "load", "files", ""))
     try:
         with (
             tempfile.TemporaryDirectory() as folder,

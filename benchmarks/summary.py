@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from statsmodels.stats.proportion import proportion_confint
 
+from benchmarks.command import write_heads, write_row
 from benchmarks.scoring import REPEATING, TIMES
 
 Share = dict[str, Any]
@@ -209,22 +210,21 @@ def write_markdown(summary: dict[str, Any]) -> str:
         f"{summary['cases']} cases, {seconds['median']:.0f} processor seconds in the median, "
         f"{seconds['largest']:.0f} s at most.",
         "",
-        "| score | measured (hits/cases; 95 % interval) | to reach |",
-        "|---|---|---|",
+        write_heads("score", "measured (hits/cases; 95 % interval)", "to reach"),
     ]
     for key, (words, _, target) in SCORES.items():
-        lines.append(f"| {words} | {_words(summary['total'][key])} | {target} |")
-    lines.append(f"| of the nulls, those with hum or events | {_words(summary['repeating_nulls'])} | |")
-    lines += ["", "| axis | level | " + " | ".join(BY_AXIS) + " |", "|---|---|" + "---|" * len(BY_AXIS)]
+        lines.append(write_row(words, _words(summary["total"][key]), target))
+    lines.append(write_row("of the nulls, those with hum or events", _words(summary["repeating_nulls"]), ""))
+    lines += ["", write_heads("axis", "level", *BY_AXIS)]
     for axis, levels in sorted(summary["axes"].items(), key=lambda item: -_badness(item[1])):
         for level, shares in sorted(
             levels.items(),
             key=lambda item: (item[1]["exact"]["share"] is None, item[1]["exact"]["share"] or 0.0),
         ):
-            lines.append(f"| {axis} | {level} | " + " | ".join(_words(shares[key]) for key in BY_AXIS) + " |")
+            lines.append(write_row(axis, level, *(_words(shares[key]) for key in BY_AXIS)))
     if summary["errors"]:
-        lines += ["", "| error | cases |", "|---|---|"]
+        lines += ["", write_heads("error", "cases")]
         lines += [
-            f"| {error.replace('|', '/')[:160]} | {count} |" for error, count in summary["errors"].items()
+            write_row(error.replace("|", "/")[:160], count) for error, count in summary["errors"].items()
         ]
     return "\n".join(lines) + "\n"

@@ -26,7 +26,7 @@ import mujoco
 import numpy as np
 import pybullet
 
-from benchmarks.command import start_parser
+from benchmarks.command import start_parser, write_heads, write_row
 from benchmarks.simulation import ROBOTS, WORN, step_bare, take_start, time_in_turns
 from wearscope.cycles.base import load_cycle
 from wearscope.robots.model import RobotModel, load_model
@@ -256,12 +256,12 @@ def main() -> None:
     given = parser.parse_args()
     case = Case(given.robot, given.cycle, given.seconds)
     table = measure(case, given.turns)
-    print("| loop | step [ms] | torque error [%] | cost [ms/s] | a step [us] |\n|---|---|---|---|---|")
+    print(write_heads("loop", "step [ms]", "torque error [%]", "cost [ms/s]", "a step [us]"))
     for name, rows in table.items():
         for row in rows:
             error = "" if name == "bare step" else f"{row['error_percent']:.3g}"
-            cost, step = row["ms_per_robot_second"], row["us_per_step"]
-            print(f"| {name} | {row['step_ms']:g} | {error} | {cost:.2f} | {step:.1f} |")
+            cost, step = f"{row['ms_per_robot_second']:.2f}", f"{row['us_per_step']:.1f}"
+            print(write_row(name, f"{row['step_ms']:g}", error, cost, step))
     costs = {}
     for name in ("wearscope", "MuJoCo", "PyBullet"):
         errors, spent = (
