@@ -27,10 +27,9 @@ def found():
 
 
 def along(values, effect, q=None, v=None, temperature=None):
-    count = len(next(x for x in (q, v) if x is not None))
-    zero = np.zeros((count, 1))
-    q, v, warmth = (zero if x is None else np.reshape(x, (-1, 1)) for x in (q, v, temperature))
-    signals = Signals(np.arange(float(count)), q, v, zero, np.sign(v), zero, warmth, zero)
+    zero = np.zeros(len(q if v is None else v))
+    q, v, warmth = (np.reshape(zero if x is None else x, (-1, 1)) for x in (q, v, temperature))
+    signals = Signals.along(np.arange(float(len(zero))), v, q, temperature=warmth)
     return load_effect(OWN_EFFECTS[effect]).torque(signals, 0, values)
 
 

@@ -58,8 +58,7 @@ def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> N
     t, q, v, a = motion
     model = make_duo()
     load = model.rigid_body().inverse_dynamics(q, v, a)
-    still = np.ones_like(q)
-    signals = Signals(t, q, v, a, np.sign(v), load, temperature * still, wear * still)
+    signals = Signals.along(t, v, q, a, load, temperature, wear)
     effect = load_effect("friction_wear_temperature")
     tau = load + np.array(INERTIA) * a
     for j in range(2):
@@ -71,7 +70,7 @@ def record_run(path: Path, motion, wear, temperature, rng, disturbance=0.0) -> N
         columns |= {
             f"q_{joint}": q[:, j],
             f"tau_{joint}": tau[:, j],
-            f"temp_{joint}": temperature * still[:, j],
+            f"temp_{joint}": signals.temperature[:, j],
         }
     pd.DataFrame(columns).to_parquet(path)
 

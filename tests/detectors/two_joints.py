@@ -44,8 +44,7 @@ def simulate(friction=None, wear=0.0, temperature=50.0, payload_factor=1.0, nois
     body = MODEL.rigid_body(MODEL.declared_payload.scaled(payload_factor))
     tau = body.inverse_dynamics(q, qd, a) + MODEL.rotor_inertia * a
     if friction is None:
-        full = np.ones_like(q)
-        signals = Signals(t, q, qd, a, np.sign(qd), tau, temperature * full, wear * full)
+        signals = Signals.along(t, qd, q, a, tau, temperature, wear)
         tau[:, 0] += FRICTION.torque(signals, 0, LAW) + 1.5
     else:
         tau[:, 0] += friction(qd[:, 0])

@@ -19,9 +19,8 @@ def sweep(top_speed=2.0, reach=1.5, seconds=10.0, samples=1001, span=0.0) -> Sig
     q = reach * np.interp(t / seconds, [0.0, 0.5, 1.0], [0.0, 1.0, 0.0])[:, None]
     v = np.linspace(-top_speed, top_speed, samples)[:, None]
     temperature = 30.0 + span * (t / seconds)[:, None]
-    zero = np.zeros_like(q)
     load = 40.0 * np.where(np.arange(samples) % 2, 1.0, -1.0)[:, None]
-    return Signals(t, q, v, zero, np.sign(v), load, temperature, zero)
+    return Signals.along(t, v, q, load=load, temperature=temperature)
 
 
 def test_stribeck_speeds_are_shares_of_the_top_speed():

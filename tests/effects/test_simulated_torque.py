@@ -1,5 +1,6 @@
 """Every effect, switched on in the simulator, changes the torque by what its regressor predicts."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -98,8 +99,8 @@ def signals_of(model, trace) -> Signals:
     a = np.vstack([a[:1], a])
     body = model.rigid_body(model.declared_payload)
     load = body.inverse_dynamics(q, v, a)
-    full = np.ones_like(q)
-    return Signals(trace.t, q, v, a, np.sign(v), load, TEMPERATURE * full, WEAR * full, body, load.copy())
+    signals = Signals.along(trace.t, v, q, a, load, TEMPERATURE, WEAR)
+    return replace(signals, rigid_body=body, torque=load.copy())
 
 
 def torque_of(model, signals: Signals) -> np.ndarray:

@@ -8,10 +8,7 @@ from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, TAPER, coarsen
 
 
 def signals_along(x: np.ndarray) -> Signals:
-    q = x[:, None]
-    v = np.gradient(x)[:, None]
-    zero = np.zeros_like(q)
-    return Signals(np.arange(len(x)) * 0.01, q, v, zero, np.sign(v), zero, zero + 30.0, zero)
+    return Signals.along(np.arange(len(x)) * 0.01, np.gradient(x)[:, None], x[:, None], temperature=30.0)
 
 
 def spline(low: float, high: float, knots: int) -> np.ndarray:

@@ -288,9 +288,8 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
     assert {name for name, effect in EFFECTS.items() if effect.passive} == PASSIVE.keys() | WITH_MEMORY
     t = np.linspace(0.0, 1.0, 101)
     q, v = 0.3 + np.sin(5.0 * t)[:, None], 5.0 * np.cos(5.0 * t)[:, None]
-    zero = np.zeros_like(q)
     load = 20.0 * np.cos(q)
-    signals = Signals(t, q, v, zero, np.sign(v), load, np.full_like(q, 40.0), zero)
+    signals = Signals.along(t, v, q, load=load, temperature=40.0)
     for name, given in PASSIVE.items():
         effect = EFFECTS[name]
         values = {p.name: p.default if p in effect.shape else 0.0 for p in effect.parameters} | given

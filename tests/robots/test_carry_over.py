@@ -32,11 +32,8 @@ def plain(medium):
 
 
 def along(values, speed, temperature, wear, effect):
-    zero = np.zeros((len(speed), 1))
-    v = speed[:, None]
-    signals = Signals(
-        np.arange(len(speed), dtype=float), zero, v, zero, np.sign(v), zero, zero + temperature, zero + wear
-    )
+    t = np.arange(len(speed), dtype=float)
+    signals = Signals.along(t, speed[:, None], temperature=temperature, wear=wear)
     return load_effect(effect).torque(signals, 0, values)
 
 

@@ -111,11 +111,7 @@ def check_effect_file(path: str) -> Findings:
         return found
     model = load_model("medium")
     reference = load_cycle("point_to_point").build(model, 0.05, 1.0 / _RATE)
-    zero = np.zeros_like(reference.q)
-    signals = Signals(
-        t=reference.t, q=reference.q, v=reference.v, a=reference.a, sign=np.sign(reference.v), load=zero,
-        temperature=zero + 50.0, wear=zero + 10.0,
-    )  # fmt: skip
+    signals = Signals.along(reference.t, reference.v, reference.q, reference.a, temperature=50.0, wear=10.0)
     columns = effect.columns(signals, 0, effect.pack({})[1])
     if not np.all(np.isfinite(columns)):
         found.add(f"{path}: a regressor of effect '{effect.name}' is not finite along a motion; correct row.")

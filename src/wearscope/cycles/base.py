@@ -101,16 +101,7 @@ def required_torque(
     load = body.inverse_dynamics(reference.q, reference.v, reference.a)
     torque = load + model.rotor_inertia * reference.a
     worn = np.where([name in model.wear_joints for name in model.joints], wear, 0.0)
-    signals = Signals(
-        t=reference.t,
-        q=reference.q,
-        v=reference.v,
-        a=reference.a,
-        sign=np.sign(reference.v),
-        load=load,
-        temperature=np.full_like(load, temperature),
-        wear=np.tile(worn, (len(load), 1)),
-    )
+    signals = Signals.along(reference.t, reference.v, reference.q, reference.a, load, temperature, wear=worn)
     for entry in model.effects:
         effect = load_effect(entry.effect)
         if effect.row is not None and not effect.spread:

@@ -441,11 +441,8 @@ class WearTemperatureFit:
         return np.array([wear, np.clip(temperature, self.lowest, self.temperature_limit)])
 
     def _make_signals(self, batch: Batch) -> Signals:
-        unknown = np.zeros_like(batch.q)
-        return Signals(
-            batch.t, batch.q, batch.qd, estimate_acceleration(batch, self.window), np.sign(batch.qd),
-            compute_rigid_torque(batch, self.model, self.window), unknown, unknown,
-        )  # fmt: skip
+        load = compute_rigid_torque(batch, self.model, self.window)
+        return Signals.along(batch.t, batch.qd, batch.q, estimate_acceleration(batch, self.window), load)
 
     def _minimise(self, start: Array, nodes: Array, form: Form) -> tuple[Array, float]:
         """Wear and temperature (2,) of the smallest sum of squares near a start, and that sum."""

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 #: Largest size of the slopes that are kept for one run [bytes].
 _KEPT = 2**22
@@ -68,6 +69,24 @@ class Signals:
     carries: bool = True
     channels: Mapping[str, np.ndarray] = field(default_factory=dict)
     _slopes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @classmethod
+    def along(
+        cls,
+        t: np.ndarray,
+        v: np.ndarray,
+        q: ArrayLike = 0.0,
+        a: ArrayLike = 0.0,
+        load: ArrayLike = 0.0,
+        temperature: ArrayLike = 0.0,
+        wear: ArrayLike = 0.0,
+    ) -> Self:
+        """Signals of a motion whose speeds (N, n) have a sign; numbers, also one a joint, hold throughout."""
+
+        def fill(x: ArrayLike) -> np.ndarray:
+            return np.asarray(x) if np.shape(x) == v.shape else np.full_like(v, x)
+
+        return cls(t, fill(q), v, fill(a), np.sign(v), fill(load), fill(temperature), fill(wear))
 
     def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint.

@@ -75,19 +75,9 @@ def friction_torque(
     model: RobotModel, joint: int, speed: np.ndarray, temperature: float, level: float = 0.0
 ) -> np.ndarray:
     """Friction torque (N,) of a joint at speeds (N,), a temperature [deg C] and a wear level f [-]."""
-    zero = np.zeros((len(speed), model.n))
-    v = zero.copy()
+    v = np.zeros((len(speed), model.n))
     v[:, joint] = speed
-    signals = Signals(
-        t=np.arange(len(speed), dtype=float),
-        q=zero,
-        v=v,
-        a=zero,
-        sign=np.sign(v),
-        load=zero,
-        temperature=np.full_like(zero, temperature),
-        wear=np.full_like(zero, level),
-    )
+    signals = Signals.along(np.arange(len(speed), dtype=float), v, temperature=temperature, wear=level)
     torque = np.zeros(len(speed))
     for entry in model.effects:
         effect = load_effect(entry.effect)

@@ -133,16 +133,7 @@ def make_feedforward(
     q, v, a = reference.q, reference.v, reference.a
     load = body.inverse_dynamics(q, v, a)
     torque = load + plant.armature * a
-    signals = Signals(
-        t=reference.t,
-        q=q,
-        v=v,
-        a=a,
-        sign=np.sign(v),
-        load=load,
-        temperature=np.broadcast_to(np.asarray(temperature, dtype=float), load.shape),
-        wear=np.zeros_like(load),
-    )
+    signals = Signals.along(reference.t, v, q, a, load, temperature)
     for entry in model.effects:
         effect = load_effect(entry.effect)
         rubs = any(name.startswith(FRICTION_SIGNALS) for name in effect.depends_on)
