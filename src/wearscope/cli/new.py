@@ -428,11 +428,12 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
         )
         found = check_dataset(made)
         found.problems = [
-            _name_given(one, made, target, urdf, recordings, converted.runs) for one in found.problems
+            _name_option(_name_given(one, made, target, urdf, recordings, converted.runs))
+            for one in found.problems
         ]
         if found.problems:
             say(*(f"  wrong: {problem}" for problem in found.problems[:-1]))
-            raise InputError(_name_option(found.problems[-1]))
+            raise InputError(found.problems[-1])
     say(*(f"  {note.replace(str(made), str(target))}" for note in found.notes[: limits.PROBLEMS]))
     following = "track" if mapped.reference else "diagnose"
     say(f"Written: {target}, which passes its check. Next: wearscope {following} {target}")

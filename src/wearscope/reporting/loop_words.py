@@ -111,9 +111,9 @@ def conclude_loop(verdict: Verdict) -> tuple[str, str]:
         kept, sure = is_in_model(one), one["status"] == "confirmed"
         if one["joint"] in common["joints"] and one["effect"] == common.get("effect"):
             name, sure = f"one delay of the recorder ({1e3 * common['seconds']:.3g} ms)", seen
-        doubts = "" if sure else " (not confirmed)"
-        doubts += "" if kept else " (left out of the corrected model)"
-        groups.setdefault((name, doubts, kept), []).append(one)
+        states = (("not confirmed", sure), ("left out of the corrected model", kept))
+        doubts = ", ".join(doubt for doubt, fine in states if not fine)
+        groups.setdefault((name, f" ({doubts})" if doubts else "", kept), []).append(one)
     every = [f"{_tell_group(verdict, name, own)}{doubts}" for (name, doubts, _), own in groups.items()]
     changes = _changes(verdict)
     gain = _say("gain", changes, falls_anywhere(verdict), [kept for *_, kept in groups])

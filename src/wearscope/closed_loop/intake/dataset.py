@@ -170,7 +170,7 @@ def _check_run(path: Path, run: Run, fields: DatasetFields) -> None:
         if reading != "none" and np.ptp(run.tau[:, i]) == 0.0 and reach[i] > max(1e-3 * reach.max(), 1e-9):
             raise InputError(
                 f"{path}: column 'tau_{joint}' is constant ({run.tau[0, i]:g}); the channel is dead or "
-                "saturated, record it again or leave the joint out."
+                "saturated, or the joint has no drive; record it again or leave the joint out."
             )
 
 
