@@ -11,13 +11,9 @@ import pandas as pd
 
 from wearscope.closed_loop.corrected import withdraw_worse
 from wearscope.closed_loop.diagnostics.contradictions import Contradiction, find_contradictions
-from wearscope.closed_loop.diagnostics.error_change import measure_error_change, withhold_judgement
-from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
-from wearscope.closed_loop.diagnostics.structure import judge_joints
-from wearscope.closed_loop.inference.answer import Found, Left, find_terms
+from wearscope.closed_loop.inference.answer import Found, find_terms
 from wearscope.closed_loop.inference.delays import is_lag
-from wearscope.closed_loop.inference.detection_limits import tell_limits
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model
@@ -32,7 +28,7 @@ from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.events import Event, find_events, leave_out, take_out_common, take_out_state
 from wearscope.closed_loop.model.loads import find_other_loads, take_loads
 from wearscope.closed_loop.model.possible import keep_possible
-from wearscope.closed_loop.model.prediction import find_repeats, predict_runs, refit, residual_table
+from wearscope.closed_loop.model.prediction import find_repeats, refit, residual_table
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.rests import settle_at_rest
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -56,6 +52,7 @@ class Diagnosis(Outcome):
     """Outcome of closing the loop on a data set, as it is told and written."""
 
     @cached_property
+    @keep_to_one_thread
     def verdict(self) -> dict[str, Any]:
         """The content of ``verdict.json``."""
         return make_verdict(self)
@@ -302,43 +299,11 @@ def conclude(
     ]
     delays = mark_delays(proposed, problem.late)
     named = [*(replace(a, marked=mark) for a, mark in zip(late, delays, strict=True)), *named]
-    here = [a.term for a in named if a.kept]
-    gone = [(a.term, a.share, a.withdrawn) for a in named if not a.kept]
-    left = answer.left | {
-        j: Left(one.share, [], f"training runs contradict each other: {', '.join(one.files)} and the others")
-        for j, one in apart.items()
-    }
-    states = judge_joints(prepared, after, here, left, policy, gone)
-    predicted = predict_runs(prepared, before, after)
-    error_changes = measure_error_change(prepared, predicted)
-    states = withhold_judgement(prepared, states, error_changes)
-    impossible = [one for one in (beyond if here else impossible) if one.is_significant]
-    joints = prepared.dataset.joints
-    notes = tell_loads(prepared, predicted, after) + tell_limits(answer.limits, joints)
-    notes += tell_other_loads(after, here) + tell_payload(after)
-    notes += [f"{joints[j]}: {told}." for j, told in answer.suspected.items()]
-    notes += [one.describe(joints) for one in impossible]
-    notes += [
-        f"{joints[term.joint]}: the named body alone makes its error larger; the corrected "
-        "model gives its drive an inertia of its own, which is no name."
-        for term in helped
-    ]
+    impossible = beyond if any(a.kept for a in named) else impossible
     return Diagnosis(
-        prepared,
-        policy,
-        named,
-        before,
-        proposed,
-        after,
-        [s if s.reason else replace(s, reason=answer.suspected.get(s.joint, "")) for s in states],
-        error_changes,
-        notes,
-        problem,
-        answer.limits,
-        answer,
-        late=late,
-        contradictory=sorted({file for one in apart.values() for file in one.files}),
-    )
+        prepared, policy, named, before, proposed, after, problem, answer, apart,
+        [one for one in impossible if one.is_significant], helped, late=late,
+    )  # fmt: skip
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:

@@ -77,7 +77,9 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
         "verdict": entries,
-        "contradictory_runs": diagnosis.contradictory,
+        "contradictory_runs": sorted(
+            {file for one in diagnosis.contradictions.values() for file in one.files}
+        ),
         "time_delay": tell_common_delay(diagnosis),
         "events": diagnosis.events,
         "collision_thresholds": suggest_thresholds(runs, left, diagnosis.events, joints),
@@ -87,7 +89,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "rule": diagnosis.policy.model_dump(),
         "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
         "joints": summarise_joints(
-            prepared, diagnosis.predicted, diagnosis.states, diagnosis.error_changes, diagnosis.limits
+            prepared, diagnosis.predicted, diagnosis.states, diagnosis.error_changes, diagnosis.answer.limits
         ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},

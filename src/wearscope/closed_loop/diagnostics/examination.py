@@ -77,7 +77,7 @@ def examine(
     """
     prepared, predicted = diagnosis.prepared, diagnosis.predicted
     progress("which effects the runs separate")
-    undetermined = find_undetermined(diagnosis.problem, diagnosis.limits)
+    undetermined = find_undetermined(diagnosis.problem, diagnosis.answer.limits)
     planned = plan_measurements(diagnosis, progress)
     forward = compare_forward(prepared, diagnosis.models, progress)
     signals = signal_table(prepared)

@@ -1,14 +1,21 @@
-"""The outcome of a search: named terms, the models before and after, and what is left at each joint."""
+"""The outcome of a search: named terms, the models before and after, and what they predict."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import pandas as pd
 
-from wearscope.closed_loop.diagnostics.error_change import ErrorChange
-from wearscope.closed_loop.diagnostics.structure import JointState
-from wearscope.closed_loop.inference.answer import Answer
+from wearscope.closed_loop.diagnostics.contradictions import Contradiction
+from wearscope.closed_loop.diagnostics.error_change import (
+    ErrorChange,
+    measure_error_change,
+    withhold_judgement,
+)
+from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
+from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
+from wearscope.closed_loop.inference.answer import Answer, Left
+from wearscope.closed_loop.inference.detection_limits import tell_limits
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.status import Marked
@@ -16,6 +23,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.correction import make_corrected_model
 from wearscope.closed_loop.model.estimation import Estimate, estimate
 from wearscope.closed_loop.model.events import Event
+from wearscope.closed_loop.model.possible import Impossible
 from wearscope.closed_loop.model.prediction import Predicted, predict_runs
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
@@ -67,23 +75,19 @@ class Outcome:
     before, proposed, after : Regression
         The declared model refitted; the same with all named terms, which come last; the same with those that
         make no joint's error on the test runs larger (`withdraw_worse`).
-    states : list of JointState
-        What is left at each joint.
-    error_changes : list of ErrorChange
-        What became of each joint's error.
-    notes : list of str
-        On parameters beyond what is possible, and on inertias that are no name.
     problem : Problem
-    limits : list of dict of str to float
-        By joint, below which share of its torque (RMS) each effect gets no name.
     answer : Answer
         The search's.
+    contradictions : dict of int to Contradiction
+        By joint, training runs that contradict the others.
+    impossible : list of Impossible
+        Parameters beyond what is possible, which are held at the limit.
+    helped : list of ModelTerm
+        Inertias of joints that a named body would harm; they are no names.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose rows are left out.
     late : sequence of Attribution
         Delays by which channels were moved.
-    contradictory : list of str
-        Training runs that contradict the others.
     """
 
     prepared: Prepared
@@ -92,15 +96,13 @@ class Outcome:
     before: Regression
     proposed: Regression
     after: Regression
-    states: list[JointState]
-    error_changes: list[ErrorChange]
-    notes: list[str]
     problem: Problem = field(repr=False)
-    limits: list[dict[str, float]]
     answer: Answer = field(repr=False)
+    contradictions: dict[int, Contradiction]
+    impossible: list[Impossible]
+    helped: list[ModelTerm]
     events: list[Event] = field(default_factory=list)
     late: Sequence[Attribution] = ()
-    contradictory: list[str] = field(default_factory=list)
 
     @property
     def candidates(self) -> pd.DataFrame:
@@ -111,6 +113,43 @@ class Outcome:
     def predicted(self) -> list[Predicted]:
         """Torque of both models along every run."""
         return predict_runs(self.prepared, self.before, self.after)
+
+    @cached_property
+    def error_changes(self) -> list[ErrorChange]:
+        """What became of each joint's error."""
+        return measure_error_change(self.prepared, self.predicted)
+
+    @cached_property
+    def states(self) -> list[JointState]:
+        """What is left at each joint."""
+        here = [a.term for a in self.attributions if a.kept]
+        gone = [(a.term, a.share, a.withdrawn) for a in self.attributions if not a.kept]
+        left = self.answer.left | {
+            j: Left(
+                one.share, [], f"training runs contradict each other: {', '.join(one.files)} and the others"
+            )
+            for j, one in self.contradictions.items()
+        }
+        states = judge_joints(self.prepared, self.after, here, left, self.policy, gone)
+        states = withhold_judgement(self.prepared, states, self.error_changes)
+        suspected = self.answer.suspected
+        return [s if s.reason else replace(s, reason=suspected.get(s.joint, "")) for s in states]
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """On loads, limits and names that are too uncertain, and on parameters beyond what is possible."""
+        joints, here = self.prepared.dataset.joints, [a.term for a in self.attributions if a.kept]
+        notes = tell_loads(self.prepared, self.predicted, self.after) + tell_limits(
+            self.answer.limits, joints
+        )
+        notes += tell_other_loads(self.after, here) + tell_payload(self.after)
+        notes += [f"{joints[j]}: {told}." for j, told in self.answer.suspected.items()]
+        notes += [one.describe(joints) for one in self.impossible]
+        return notes + [
+            f"{joints[term.joint]}: the named body alone makes its error larger; the corrected "
+            "model gives its drive an inertia of its own, which is no name."
+            for term in self.helped
+        ]
 
     @cached_property
     def estimates(self) -> dict[str, list[Estimate]]:

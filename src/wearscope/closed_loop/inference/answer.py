@@ -78,19 +78,36 @@ class Answer:
     score : Score
     found : list of Found
         Its terms.
-    left : dict of int to Left
-        By joint.
-    suspected : dict of int to str
-        By joint, a sentence on names that would explain much, and whose odds are too low.
+    refused : dict of int to Left
+        By joint, what the search found and could not take.
     """
 
     model: Model
     score: Score
     found: list[Found]
-    left: dict[int, Left]
-    suspected: dict[int, str]
+    refused: dict[int, Left]
     _moves: Moves = field(repr=False)
     _first: Model = field(repr=False)
+
+    @cached_property
+    def _rest(self) -> tuple[dict[int, Left], dict[int, str]]:
+        return _suspect_rest(self._moves, self.model, self._list_open(self.refused))
+
+    def _list_open(self, left: dict[int, Left]) -> list[int]:
+        """Joints that move and of whose residual nothing is known yet."""
+        return [j for j in np.flatnonzero(self.problem.prepared.moving).tolist() if j not in left]
+
+    @property
+    def suspected(self) -> dict[int, str]:
+        """By joint, a sentence on names that would explain much, and whose odds are too low."""
+        return self._rest[1]
+
+    @cached_property
+    def left(self) -> dict[int, Left]:
+        """By joint, what a term or the motion could explain of the residual."""
+        left = self.refused | self._rest[0]
+        found = find_dependence(self.problem, self.model.fit, self._list_open(left), self.score.policy)
+        return left | {j: _tell_dependence(one) for j, one in found.items()}
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
@@ -165,15 +182,7 @@ def find_terms(
     # No model can hold the past, but names are judged next to it.
     whole = model.has([*model.terms, *past])
     found = [_judge(moves, whole, t) for t in model.terms]
-    open_joints = [j for j in range(n) if problem.prepared.moving[j] and j not in left]
-    more, suspected = _suspect_rest(moves, model, open_joints)
-    left |= more
-    left |= {
-        j: _tell_dependence(one)
-        for j, one in find_dependence(model.problem, model.fit, open_joints, policy).items()
-        if j not in left
-    }
-    return Answer(model, score, found, left, suspected, moves, first)
+    return Answer(model, score, found, left, moves, first)
 
 
 def take_over(problem: Problem, start: Model) -> Model:
