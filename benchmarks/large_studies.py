@@ -17,11 +17,11 @@ import pandas as pd
 import psutil
 import yaml
 
+from benchmarks import ROOT
 from benchmarks.command import write_heads, write_row
 from wearscope.processes import STARTER, identify_process
 from wearscope.storage.files import write_text
 
-ROOT = Path(__file__).parents[1]
 #: Of a point of `write_study`'s robot, measured in partitions of 1,000 points (docs/cluster.md).
 SECONDS_OF = {"point_seconds": 0.075, "quantity_seconds": 0.035}
 

@@ -25,15 +25,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from clones import copy_tree
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
 from benchmarks.command import start_parser, write_heads, write_row
-
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from clones import copy_tree  # noqa: E402
 
 INFERENCE = "src/wearscope/closed_loop/inference"
 #: Modules and tests by room; tests in the order in which they are asked.

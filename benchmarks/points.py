@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import ROOT
 from benchmarks.command import start_parser, write_heads, write_row
 
-ROOT = Path(__file__).parents[1]
 CYCLE = ROOT / "tests" / "workflow" / "tiny" / "short_moves.py"
 KINDS = {"f": "wear", "w3": "temperature", "w4": "dwell", "w5": "payload_mass_error"}
 LOW, HIGH = np.array([0.0, 30.0, 25.0, -10.0]), np.array([50.0, 70.0, 75.0, 10.0])

@@ -6,11 +6,9 @@ Each motion starts anew every half second; the model's own simulator is asked as
 alone can tell (when a joint leaves a rest) stands next to what the export adds.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
+from single_axis import COULOMB, make_axis
 
 from benchmarks.command import start_parser
 from wearscope.cycles.base import Reference, required_torque
@@ -20,10 +18,6 @@ from wearscope.export.formats import make_spec
 from wearscope.export.holdings import take_holdings, without_motors
 from wearscope.robots.model import RobotModel
 from wearscope.simulation.study import trace_forward
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from single_axis import COULOMB, make_axis
 
 STEP, FIRST, EVERY = 0.004, 0.3, 0.5
 

@@ -26,8 +26,9 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks import ROOT
 from benchmarks.command import start_parser, write_heads, write_row
-from benchmarks.large_studies import ROOT, check_plan, read_jobs, write_study
+from benchmarks.large_studies import check_plan, read_jobs, write_study
 from wearscope.config import PartitionSettings
 
 SECONDS, GIBIBYTES = 120, 2

@@ -7,23 +7,18 @@ Coulomb friction of each joint differs by a normal value. A threshold that knows
 stands next to the one that is used.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from worn_arm import make_duo, write_machine
 
 from benchmarks.command import start_parser
 from wearscope.detection.judgement import judge_recordings
 from wearscope.detection.run import Setting, ask_recordings
 from wearscope.detection.thresholds import find_threshold
 from wearscope.detectors.questions import DetectorSpec
-
-TESTS = Path(__file__).parents[1] / "tests"
-sys.path[:0] = [str(TESTS), str(TESTS / "detection")]
-
-from worn_arm import make_duo, write_machine  # noqa: E402
 
 DETECTORS = [
     DetectorSpec("A", "residual_energy", {"align": "path"}),

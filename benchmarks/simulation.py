@@ -12,17 +12,17 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks import ROOT
 from benchmarks.command import start_parser
 from wearscope.cycles.base import Reference, load_cycle
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.study import Conditions, Simulator
 from wearscope.simulation.world import World, pybullet
 
-ROBOTS = Path(__file__).parents[1] / "config" / "robots"
+ROBOTS = ROOT / "config" / "robots"
 WORN = Conditions(wear=(20.0, 20.0, 20.0), temperature=45.0, payload_mass_error=0.05)
 
 

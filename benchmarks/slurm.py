@@ -17,14 +17,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+from clones import copy_tree
+from one_node_slurm import NoSlurm, start_slurm
+from slurm_ways import WAYS, WORKS, build_command, read_results, run
+
 from benchmarks.command import start_parser, write_heads, write_row
-
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from clones import copy_tree  # noqa: E402
-from one_node_slurm import NoSlurm, start_slurm  # noqa: E402
-from slurm_ways import WAYS, WORKS, build_command, read_results, run  # noqa: E402
 
 
 def compare(name: str, ways: list[str], cores: int, environment: dict[str, str]) -> None:

@@ -20,13 +20,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
-
-from benchmarks.command import start_parser
-from benchmarks.large_studies import ROOT, read_jobs
-
-sys.path.insert(0, str(ROOT / "tests"))
-
 from clones import copy_tree
+
+from benchmarks import ROOT
+from benchmarks.command import start_parser
+from benchmarks.large_studies import read_jobs
 
 
 def write_first_study(file: Path) -> None:
