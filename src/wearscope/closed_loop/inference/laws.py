@@ -103,9 +103,9 @@ def fit_law(
     present = _square(_JointFit(prepared, model, joint).leave(prepared.reversals)[0])
     fit = _JointFit(prepared, model, joint, effect, own)
     tried = [
-        (_square(e), fit.make(share), s)
+        (_square(e), fit.widen(share), s)
         for share in _STARTS
-        for s, e in enumerate(fit.leave(fit.make(share), shapes))
+        for s, e in enumerate(fit.leave(fit.widen(share), shapes))
     ]
     least, start, s = min(tried, key=lambda one: one[0])
     if least > _HOPELESS * present:
@@ -157,7 +157,7 @@ class _JointFit:
         if law is not None:
             self.low = np.array([p.lower for p in (*coefficients, *law.coefficients)])
 
-    def make(self, share: float) -> Reversals:
+    def widen(self, share: float) -> Reversals:
         """The present reversals with another width at the joint, over its largest speed."""
         today = self.prepared.reversals
         return Reversals(np.where(self.only, share * self.top, today.width), today.form)
@@ -190,7 +190,7 @@ class _JointFit:
         least = _square(self.leave(present)[0])
         wide = present.width[self.joint] > 0.0
         needed = least - self.clearly(least) if wide else (1.0 - _AT_ONCE) * least
-        tried = [(_square(self.leave(self.make(share))[0]), self.make(share)) for share in starts]
+        tried = [(_square(self.leave(self.widen(share))[0]), self.widen(share)) for share in starts]
         loss, start = min(tried, key=lambda one: one[0], default=(least, present))
         if loss >= needed:
             loss, start = least, present

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from scipy import interpolate
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.traits.reading import Reading
+from wearscope.effects.presliding_hysteresis import EFFECT as PRESLIDING
 
 #: Largest number of rows of all runs; a joint with fewer rows than the second number does not count.
 MOST_ROWS, LEAST_ROWS = 3000, 30
@@ -202,32 +202,20 @@ def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
     signals, most = run.signals, max(MOST_ROWS // runs, 3 * LEAST_ROWS)
     at = slice(None, None, max(1, len(run.t) // most))
     motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
-    motion["sharp"] = np.where(run.resting, 0.0, np.sign(signals.v)) - signals.sign
-    motion["late"] = _find_late(run)
+    sign = np.where(run.resting, 0.0, np.sign(signals.v))
+    motion |= {"sharp": sign - signals.sign, "late": _find_late(run, sign)}
     own = {name: run.reduce(x)[at] for name, x in motion.items()}
     line = interpolate.CubicSpline(run.t, run.reduce(signals.a))
     own |= {"jerk": line(run.t[at], 1), "snap": line(run.t[at], 2)}
     return own | {"tau": run.measured[at], "counts": run.keep[at], "t": run.t[at]}
 
 
-def _find_late(run: PreparedRun) -> np.ndarray:
+def _find_late(run: PreparedRun, sign: np.ndarray) -> np.ndarray:
     """Direction (N, n) that follows reversals over a short way, less the direction at once; 0 at rest."""
-    v, ways = run.signals.v, _YIELDS * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
-    travelled = np.cumsum(np.abs(v), axis=0) / run.band.rate
-    joints = zip(np.sign(v).T, travelled.T, ways.tolist(), strict=True)
-    late = [_lag_direction(sign, path, way) - sign for sign, path, way in joints]
-    return np.where(run.resting, 0.0, np.column_stack(late))
-
-
-def _lag_direction(sign: np.ndarray, travelled: np.ndarray, distance: float) -> np.ndarray:
-    """Direction (N,) that follows a reversal over a distance: dz = (sign - z) d(travelled) / distance."""
-    lagged, state = np.empty(len(sign)), 0.0
-    edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), len(sign)]
-    for start, stop in pairwise(edges):
-        since = travelled[start:stop] - travelled[max(start - 1, 0)]
-        lagged[start:stop] = sign[start] + (state - sign[start]) * np.exp(-since / distance)
-        state = lagged[stop - 1]
-    return lagged
+    ways = _YIELDS * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
+    signals = replace(run.signals, sign=sign, _slopes={})
+    late = [PRESLIDING.columns(signals, j, ways[[j]]) for j in range(len(ways))]
+    return np.where(run.resting, 0.0, np.concatenate(late, axis=1))
 
 
 def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:
