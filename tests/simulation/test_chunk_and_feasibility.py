@@ -235,13 +235,14 @@ def test_the_heaviest_payload_and_the_longest_dwell_are_those_of_the_ranges_ends
         ({"w5": ("payload_mass_error", -10.0, 10.0)}, (50.0,), 0.0, 1.0 / 9.0),
         ({"w5": ("payload_mass_error", 5.0, 25.0)}, (50.0,), 0.0, 0.2),
         ({"f": ("wear", 5.0, 40.0), "w3": ("temperature", 30.0, 70.0)}, (30.0, 70.0), 40.0, 0.0),
+        ({"f": ("wear", 0.0, 50.0), "w1": ("wear", 0.0, 20.0)}, (50.0,), 50.0, 0.0),
     ):
         check_cycle(model, cycle, "c", ranges, 0.001)
-        assert asked[-1][3] == temperatures and asked[-1][4] == wear
+        assert tuple(asked[-1][3]) == temperatures and asked[-1][4] == wear
         assert asked[-1][5] == pytest.approx(error)
     longest = check_cycle(model, cycle, "c", {"w4": ("dwell", 75.0, 25.0)}, 0.001)
     assert longest == pytest.approx(cycle.build(model, 0.075, 0.001).t[-1])
-    assert asked[-1][0].t[-1] == longest and len(asked) == 5
+    assert asked[-1][0].t[-1] == longest and len(asked) == 6
 
 
 def test_paper_ranges_are_feasible(model, cycle):

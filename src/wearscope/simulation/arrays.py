@@ -1,4 +1,4 @@
-"""The arrays that the compiled step reads and writes, by what they belong to."""
+"""Named tuples of the arrays that the compiled simulation step reads and writes."""
 
 from collections import namedtuple
 from typing import Any
@@ -10,11 +10,11 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 
-# Numba counts references to arrays by atomic additions, also to the rows that an effect is called with. The
-# counting took half of the time of a step.
+# Numba counts references to arrays by atomic additions, also for the array rows that an effect gets as
+# arguments. This counting took half of the time of a step, so the compiled step borrows its arrays.
 @intrinsic
 def borrow(typingctx, arrays):
-    """Give a (named) tuple of arrays without reference counts: the calling Python keeps them alive."""
+    """Return a (named) tuple of arrays that numba does not reference-count; the Python caller holds them."""
 
     def generate(context, builder, signature, arguments):
         (value,) = arguments
@@ -30,7 +30,7 @@ def borrow(typingctx, arrays):
 
 @intrinsic
 def borrow_rows(typingctx, rows):
-    """Give a typed list without reference counts, as `borrow` gives arrays."""
+    """Return a typed list that numba does not reference-count; the Python caller holds it."""
 
     def generate(context, builder, signature, arguments):
         (value,) = arguments
@@ -52,7 +52,10 @@ INNER: dict[str, Any] = {
 
 
 class Law(namedtuple("Law", "feedforward position speed stiffness damping limit")):
-    """Controller: at t_k ``feedforward[k] + stiffness (position[k] - q) + damping (speed[k] - y)``.
+    """Controller of each motor: feed-forward plus feedback of position and speed, without integrator.
+
+    The torque at t_k is ``feedforward[k] + stiffness (position[k] - q) + damping (speed[k] - y)``, cut at
+    ``limit``; q and y are position and speed of the motor.
 
     Attributes
     ----------
@@ -62,11 +65,14 @@ class Law(namedtuple("Law", "feedforward position speed stiffness damping limit"
 
 
 class Gears(namedtuple("Gears", "armature flexible compliance lost_motion mesh_torque tolerance")):
-    """Motor side of each joint, (n,), see `wearscope.effects.base.Plant`; `tolerance` of torques' balance."""
+    """Drive train of each joint, each (n,), see `wearscope.effects.base.Plant`.
+
+    `tolerance` is the largest imbalance of torque [N m or N] that the solver accepts.
+    """
 
 
 class State(namedtuple("State", "q v gap y a a_motor a_before mode slope pace")):
-    """What a step starts from, each (n,).
+    """State at the start of a step, each (n,) unless stated.
 
     Attributes
     ----------
@@ -75,13 +81,14 @@ class State(namedtuple("State", "q v gap y a a_motor a_before mode slope pace"))
     v, y : ndarray
         Speeds of links and of motors half a step before it.
     a, a_motor, a_before : ndarray
-        Acceleration of the links and of the motors in the part before, and of the motors one earlier.
+        Mean acceleration of the links and of the motors over the previous part of a step, and of the motors
+        over the part before that.
     mode : ndarray of int
         Direction of the motor's motion, 0 at rest.
     slope : ndarray
-        Of the effects' torque against the motor's speed.
+        Derivative of the effects' torque with respect to the motor's speed; NaN where it must be measured.
     pace : ndarray (2,)
-        Last rate of convergence, and the number of steps since that trusted it.
+        Last measured rate of convergence, and the number of steps that have relied on it since.
     """
 
 
@@ -92,7 +99,7 @@ class Work(
         "old_torque old_speed old_mode motor free stiff need low high matrix jacobian inertia",
     )
 ):
-    """Vectors (n,), and matrices (n, n), that a step works in."""
+    """Scratch memory of a step: vectors (n,); matrices (n, n) for the last three."""
 
 
 class Log(namedtuple("Log", "position speed torque applied motor rotor bias terms")):
@@ -105,19 +112,22 @@ class Log(namedtuple("Log", "position speed torque applied motor rotor bias term
     applied : ndarray (N, n)
         Joint torque for PyBullet.
     motor, rotor, bias : ndarray (N, n), or (0, n) where not asked for
-        Means over the step: torque of the motors, what their rotors take, and by how much `applied` exceeds
-        what the links get.
+        Means over the step: torque of the motors, torque that accelerates their rotors, and by how much
+        `applied` exceeds the torque that the links get.
     terms : ndarray (N, m), or (0, m)
-        Means over the step of the effects' torques, term by term.
+        Mean torque of each term of an effect over the step.
     """
 
 
 class Motion(namedtuple("Motion", "sign position speed acceleration load")):
-    """Signals at one step that the terms depend on, each (n,): motor side, `load` of the links."""
+    """Signals that the effects' terms depend on, each (n,).
+
+    `sign`, `position`, `speed` and `acceleration` are the motor's; `load` is the torque that the links need.
+    """
 
 
 def make_state(n: int) -> State:
-    """State at rest at 0."""
+    """State with all joints at rest at position 0."""
     z = np.zeros
     return State(
         z(n),
@@ -141,7 +151,7 @@ def make_work(n: int) -> Work:
 
 
 def make_log(count: int, n: int, terms: int, by_effect: bool) -> Log:
-    """Log of `count` steps, with what each effect takes if asked for."""
+    """Empty log of `count` steps; `by_effect` adds rows for the torque of each effect."""
     detailed = count if by_effect else 0
     position, speed, torque, applied = (np.full((count, n), np.nan) for _ in range(4))
     motor, rotor, bias = (np.zeros((detailed, n)) for _ in range(3))
@@ -149,5 +159,5 @@ def make_log(count: int, n: int, terms: int, by_effect: bool) -> Log:
 
 
 def make_motion(n: int) -> Motion:
-    """Signals for `n` joints."""
+    """Signals of `n` joints, all 0."""
     return Motion(*(np.zeros(n) for _ in range(5)))

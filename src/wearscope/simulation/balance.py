@@ -1,18 +1,19 @@
-"""The torques of a part of a step balanced by Newton iteration, with an active set of motors at rest.
+"""Newton iteration that balances the torques over a part of a step; an active set holds motors at rest.
 
 The unknowns are the mean speeds x of the links and y of the motors over the part. With h half its length (its
 whole length when the end of the part is computed, not its middle),
 
     M (x - v)/h + c = g                                   links
     J (y - v_motor)/h + tau(y) + g = u(y)                 motors
-    x = y                     where the gear is rigid, g is then what the links need
-    deflection(g) = gap(y - x)  where it is not
+    x = y                       where the gear is rigid; g is then the torque that the links need
+    deflection(g) = gap(y - x)  where the gear is flexible
 
 with M, c the links' mass matrix and bias torque, J the rotor inertia, tau the effects' torque, u the
 saturated controller torque and g the torque through the gear. tau is set-valued at rest: a motor stays there
-exactly where the torque that holds it lies between tau(0-) and tau(0+). Slopes of tau come from the iterates.
+exactly where the torque that holds it lies between tau(0-) and tau(0+). The slope of tau against y is the
+secant of the last two iterates.
 
-Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction as a set.
+Otter, Elmqvist, Mattsson 1999, IEEE CACSD, for friction that is set-valued at rest.
 """
 
 import numpy as np
@@ -30,7 +31,7 @@ def deflection(torque, compliance, lost_motion, mesh_torque):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def deflection_slope(torque, compliance, lost_motion, mesh_torque):
-    """Compliance at a torque."""
+    """Compliance at a torque: derivative of the deflection with respect to the torque."""
     take_up = np.cosh(min(abs(torque / mesh_torque), 300.0))
     return compliance + 0.5 * lost_motion / (mesh_torque * take_up * take_up)
 
@@ -39,8 +40,8 @@ def deflection_slope(torque, compliance, lost_motion, mesh_torque):
 def invert_deflection(gap, compliance, lost_motion, mesh_torque):
     """Torque at a deflection.
 
-    The law is concave beyond rest: Newton's method climbs to the root from a point short of it, which the
-    steepest slope and the far asymptote give.
+    For positive torque the deflection is concave, so Newton's method converges from any start below the root.
+    The start is the larger of two lower bounds: from the slope at zero torque, and from the asymptote.
     """
     size = abs(gap)
     torque = max(
@@ -58,16 +59,19 @@ def invert_deflection(gap, compliance, lost_motion, mesh_torque):
 
 
 MAX_ITERATIONS = 80
-#: The search turns careful after this many iterations, or where the slopes make the step singular. Then only
-#: the joint furthest beyond break-away is released at a time, and torques that depend on the load have their
-#: slopes against all speeds probed.
+#: The iteration becomes careful after this many iterations, or where the slopes make the system singular.
+#: Then it releases only the motor furthest beyond break-away at a time, and it measures the slopes of torques
+#: that depend on the load against the speeds of all joints.
 PATIENCE = 25
-#: A correction is trusted without another evaluation where, at the last rate of convergence, it leaves
-#: `SAFETY` times less than the tolerance, and the rate was measured less than `TRUST` steps ago.
+#: A correction is accepted without another evaluation of the effects on two conditions. At the last measured
+#: rate of convergence it leaves less than the tolerance over `SAFETY`. And that rate has served fewer than
+#: `TRUST` steps.
 SAFETY, TRUST = 3.0, 50.0
-#: A motor rests where its speed at a part's end is less than this share of its change.
+#: A motor counts as at rest where its speed at the end of a part is below this share of the change of its
+#: speed over the part.
 REST = 1e-4
-#: Special values that `balance_part` returns in place of the share of the part after which a motor turns.
+#: `balance_part` returns the share of the part after which a motor reverses, or one of these special values:
+#: no motor reverses; the torques do not balance.
 WHOLE, NO_BALANCE = 1.0, -1.0
 
 
@@ -94,13 +98,14 @@ def _solve(a, b):
 
 @njit(**INNER)
 def _set_speed(motion, state, j, speed, h):
+    """Set the iterate's speed of motor `j`, and the acceleration that leads there in the time `h`."""
     motion.speed[j] = speed
     motion.acceleration[j] = (speed - state.y[j]) / h
 
 
 @njit(**INNER)
 def _learn_slopes(terms, state, work, motion):
-    """Take the slopes of the effects' torques from the last two iterates."""
+    """Estimate the slope of each joint's torque against its speed from the last two iterates."""
     mode, y = state.mode, motion.speed
     for j in range(len(mode)):
         moved = y[j] - work.old_speed[j]
@@ -111,7 +116,11 @@ def _learn_slopes(terms, state, work, motion):
 
 @njit(**INNER)
 def _forget_slopes(terms, gears, state, work, w):
-    """Ask for the slopes of torques that depend on the load, which the links in front of rigid gears move."""
+    """Mark the slopes of load-dependent torques for measurement, and set the inertia behind rigid gears.
+
+    Behind a rigid gear the links accelerate with the motors, so that `work.inertia` tells how the load
+    follows the motors' speeds; it is 0 elsewhere.
+    """
     for j in range(len(state.mode)):
         if terms.loaded[j] and state.mode[j] != 0:
             state.slope[j] = np.nan
@@ -123,7 +132,7 @@ def _forget_slopes(terms, gears, state, work, w):
 
 @njit(**INNER)
 def _load_links(state, work, motion, w, h):
-    """Torques that the links need at the iterate."""
+    """Write the torque that the links need at the iterate into `motion.load`."""
     n = len(state.mode)
     for j in range(n):
         work.rate[j] = (work.x[j] - state.v[j]) / h
@@ -136,7 +145,7 @@ def _load_links(state, work, motion, w, h):
 
 @njit(**INNER)
 def _balance(law, gears, state, work, motion, at):
-    """Torques of motors and gears at the iterate; what the links miss, over its tolerance."""
+    """Compute the torques of motors and gears; return the links' largest imbalance over its tolerance."""
     y, x = motion.speed, work.x
     missing = 0.0
     for j in range(len(state.mode)):
@@ -164,7 +173,7 @@ def _balance(law, gears, state, work, motion, at):
 
 @njit(**INNER)
 def _release(gears, state, work, motion, single):
-    """Release motors at rest that need more than friction can give; say whether any was."""
+    """Release motors at rest whose torque exceeds what friction can hold; return whether there is one."""
     worst, beyond = -1, 0.0
     any_released = False
     for j in range(len(state.mode)):
@@ -185,6 +194,7 @@ def _release(gears, state, work, motion, single):
 
 @njit(**INNER)
 def _let_go(state, work, motion, j):
+    """Let motor `j` move in the direction of its excess torque."""
     state.mode[j] = 1 if work.need[j] > work.high[j] else -1
     motion.sign[j] = state.mode[j]
     state.slope[j] = np.nan
@@ -192,10 +202,11 @@ def _let_go(state, work, motion, j):
 
 @njit(**INNER)
 def _correct(gears, terms, state, work, motion, w, h, ends):
-    """One Newton step of speeds; motors whose direction would turn come to rest.
+    """Take one Newton step of the speeds; a motor that would reverse comes to rest.
 
-    Returns how many did, or -1 where the system is singular. For the middle of the part (not `ends`), only a
-    motor that starts at rest comes to rest; the end decides about the others.
+    Returns the number of motors that came to rest, or -1 where the linear system is singular. In the middle
+    of a part (not `ends`) only a motor that started at rest may come to rest; the part's end decides about
+    the others.
     """
     n = len(state.mode)
     mass, mode, y, a, b = w.mass_matrix, state.mode, motion.speed, work.matrix, work.held
@@ -260,10 +271,10 @@ def _correct(gears, terms, state, work, motion, w, h, ends):
 
 @njit(**INNER)
 def _shorten(gears, state, work, motion):
-    """Share of the Newton step within which each gear's torque changes about as its slope predicts.
+    """Return the share of the Newton step in which each gear's torque changes about as its slope predicts.
 
-    A gear hardens where its lost motion is taken up: a full step from within the lost motion overshoots by
-    far.
+    A gear stiffens where its lost motion is taken up, so that a full step from within the lost motion
+    overshoots by far.
     """
     share = 1.0
     for j in range(len(state.mode)):
@@ -287,10 +298,11 @@ def _shorten(gears, state, work, motion):
 
 @njit(**INNER)
 def _look_ahead(gears, w, j, dt):
-    """Time by which a gear's torque is taken after its instant [s].
+    """Return the time [s] by which a gear's deflection is predicted ahead, which keeps a stiff gear stable.
 
-    The time is zero for a gear whose swing the step resolves. For a gear too hard to be resolved it is a
-    whole step, as anything less would be unstable; in between it goes with the third power of the step.
+    The time is near zero for a gear whose oscillation the step resolves. For a gear too stiff to be resolved
+    it is a whole step, as anything less would be unstable; in between it grows with the third power of the
+    step.
     """
     rigidity = dt * dt / gears.compliance[j] * (gears.armature[j] + w.mass_matrix[j, j])
     return dt * rigidity / (rigidity + gears.armature[j] * w.mass_matrix[j, j])
@@ -298,7 +310,7 @@ def _look_ahead(gears, w, j, dt):
 
 @njit(**INNER)
 def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
-    """First iterate, with the accelerations of the part before, and the torques that the controller wants."""
+    """Set the first iterate from the previous part's accelerations, and what the controller asks for."""
     n = len(state.mode)
     for j in range(n):
         position = state.q[j] + state.gap[j]
@@ -328,7 +340,7 @@ def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
 
 @njit(**INNER)
 def _find_turn(state, work, motion):
-    """Share of the part after which the first motor turns, WHOLE where none does."""
+    """Return the share of the part after which the first motor reverses, WHOLE where none does."""
     first = WHOLE
     for j in range(len(state.mode)):
         before = abs(state.y[j])
@@ -347,22 +359,25 @@ def balance_part(
 ):
     """Iterate until the torques balance.
 
-    Steps are alike, so the last rate of convergence tells whether one correction is enough, without
-    evaluating the effects again: Hairer and Wanner, Solving Ordinary Differential Equations II, sec. IV.8.
+    Successive steps converge alike. So the last rate of convergence tells whether one correction is enough
+    without another evaluation of the effects: Hairer and Wanner, Solving Ordinary Differential Equations II,
+    sec. IV.8.
 
     Parameters
     ----------
     at : float
-        Time of the balance after that of the step's positions [s].
+        Instant of the balance, counted from the instant of the step's positions [s].
     h : float
-        Time of the balance after the part's start [s].
+        Instant of the balance, counted from the part's start [s].
     ends : bool
-        Whether that is the part's end, where motors that turn come to rest, or its middle.
+        Whether that instant is the part's end, where motors that reverse come to rest; otherwise it is the
+        part's middle.
 
     Returns
     -------
     float
-        WHOLE; the share of the part after which a motor, `work.turning`, turns; or NO_BALANCE.
+        WHOLE where no motor reverses; the share of the part after which motor `work.turning[0]` reverses;
+        NO_BALANCE where the iteration does not converge.
     """
     _begin(law, state, work, motion, gears, w, k, at, h, h if ends else 2.0 * h, dt)
     work.inertia[:] = 0.0
@@ -387,7 +402,7 @@ def balance_part(
         if before > 0.0:
             state.pace[0], state.pace[1] = missing / before, 0.0
         if missing <= 1.0:
-            # The torque that holds a motor at rest is known only now.
+            # Only a balanced iterate gives the torque that holds a motor at rest.
             if not _release(gears, state, work, motion, careful):
                 return WHOLE if ends else _find_turn(state, work, motion)
             before = 0.0
@@ -405,7 +420,7 @@ def balance_part(
         before = 0.0 if turned > 0 else missing
         sure = SAFETY * state.pace[0] * missing <= 1.0 and state.pace[1] < TRUST
         if may_trust and iteration == 0 and turned == 0 and sure:
-            # A gear's torque is known exactly, and may be far from linear.
+            # A gear's torque costs little to evaluate and may be far from linear, so it is checked here.
             _load_links(state, work, motion, w, h)
             missing = _balance(law, gears, state, work, motion, at)
             if missing <= 1.0 and not _release(gears, state, work, motion, False):

@@ -1,4 +1,4 @@
-"""The robot's rigid bodies as arrays for the compiled step, and as the URDF that PyBullet loads."""
+"""Rigid bodies of a robot: as arrays for the compiled step, and as the URDF that PyBullet loads."""
 
 from collections import namedtuple
 from dataclasses import replace
@@ -46,8 +46,8 @@ def sum_parameters(body: RigidBody, extra: Array | None = None) -> Array:
     ----------
     body : RigidBody
     extra : ndarray (n, 10), optional
-        Inertial parameters to add to the links, in the order of `wearscope.robots.spatial`; the sum need not
-        be a body's.
+        Inertial parameters to add to the links, in the order of `wearscope.robots.spatial`. The sum need not
+        be physically consistent; only its mass must be positive.
 
     Raises
     ------
@@ -74,7 +74,7 @@ _read_tree = lru_cache(maxsize=16)(parse_urdf)
 
 @lru_cache(maxsize=16)
 def _find_frames(urdf_text: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """What a chain has from the kinematics alone."""
+    """Fields of `Chain` that follow from the kinematics alone."""
     tree = _read_tree(urdf_text)
     joints = {joint.name: joint for joint in tree.joints}
     carried_by = {joint.child: name for name, joint in joints.items()}
@@ -121,7 +121,10 @@ def build_chain(body: RigidBody, extra: Array | None = None) -> Chain:
 
 @lru_cache(maxsize=16)
 def _write_bare_plant(urdf_text: str, last: str) -> tuple[str, str, str]:
-    """URDF for PyBullet without payload, before and after the link of joint `last`, and that link's name."""
+    """Return the URDF text before and after the link of joint `last`, and that link's name.
+
+    The two texts stay the same from run to run; only that link, which holds the payload, is written anew.
+    """
     tree = _read_tree(urdf_text)
     joints = [replace(joint, lower=1.0, upper=-1.0) for joint in tree.joints]
     link = tree.links[next(joint.child for joint in joints if joint.name == last)]
@@ -131,9 +134,9 @@ def _write_bare_plant(urdf_text: str, last: str) -> tuple[str, str, str]:
 
 @lru_cache(maxsize=16)
 def write_plant_urdf(body: RigidBody) -> str:
-    """URDF for PyBullet: the payload on the last link, and no joint limits.
+    """Write the URDF for PyBullet: the payload belongs to the last link, and the joints have no limits.
 
-    PyBullet turns limits into contacts; a run that leaves its limits is refused instead.
+    PyBullet would turn limits into contacts. Instead, a run that leaves the limits is refused afterwards.
     """
     last = body.names[-1]
     before, after, name = _write_bare_plant(body.urdf_text(), last)

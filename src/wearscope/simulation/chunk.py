@@ -1,6 +1,6 @@
-"""A chunk of design points simulated into its partitions; points that are there already are kept.
+"""Simulation of a chunk of design points, one recording a point; recordings that exist are kept.
 
-Points whose simulation failed are read from the chunks, counted, and refused where too many.
+The chunks' markers list the points whose simulation failed; a study with too many of them is refused.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ from wearscope.supervision import ProcessLost, run_supervised
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Delay before each next move where no factor is about it [s], the middle of the paper's range.
+#: Delay before each next move [s] where no factor varies it: the middle of the paper's range.
 DEFAULT_DWELL = 0.05
 
 
@@ -35,15 +35,15 @@ class Plan:
     Attributes
     ----------
     robot, cycle : str
-        As tables and folders call them; parts of every seed.
+        Names of robot and test-cycle in tables and folders; every seed depends on them.
     kinds : mapping of str to str
-        Kind by factor, in the design's order; a robot's number by its path.
+        Kind by factor, in the design's order; for a number of the robot its path is the kind.
     seed : int
         The study's root seed.
     step : float
-        [s]
+        Step of the simulation [s].
     sample_rate : float or None
-        [Hz]; None for that of the robot's sensors.
+        [Hz]; None takes that of the robot's sensors.
     """
 
     robot: str
@@ -61,9 +61,9 @@ class ChunkOutcome:
     Attributes
     ----------
     fingerprints : dict
-        Of every point, by point.
+        Fingerprint by point, for every point of the chunk.
     failed : dict
-        Reason in one line by failed point; these have no recording.
+        Reason in one line, by failed point; a failed point has no recording.
     """
 
     fingerprints: dict[int, str]
@@ -71,12 +71,12 @@ class ChunkOutcome:
 
 
 def natural_levels(row: Mapping[str, Any], kinds: Mapping[str, str]) -> dict[str, float]:
-    """Natural level by factor of a design row."""
+    """Return the natural level of each factor in a design row."""
     return {name: float(row[f"{name}_natural"]) for name in kinds}
 
 
 def dwell_of(levels: Mapping[str, float], kinds: Mapping[str, str]) -> float:
-    """Delay before each next move [s] of natural levels, whose dwell is in ms."""
+    """Return the delay before each next move [s]; the factor's natural level is in ms."""
     for name, kind in kinds.items():
         if kind == "dwell":
             return levels[name] / 1000.0
@@ -116,16 +116,16 @@ def simulate_chunk(
     report: Callable[[int], None] | None = None,
     time_limit: float | None = None,
 ) -> ChunkOutcome:
-    """Simulate those of a chunk's points that are not there yet.
+    """Simulate the points of a chunk that have no current recording.
 
-    Each recording is written whole as soon as it is made, so that a chunk that was killed goes on where it
-    was. Its bytes depend on the point alone. A point whose run fails is left without a recording, an older
-    one included, and told in the outcome; it fails the same each time it is simulated.
+    Each recording is written whole as soon as it is made, so that a chunk that was killed continues where it
+    stopped. Its bytes depend on the point alone. A point whose run fails has no recording afterwards: an
+    older one is deleted, and the outcome gives the reason. Such a point fails the same way each time.
 
     Parameters
     ----------
     folder : path-like
-        Traces of this robot and test-cycle.
+        Folder of the recordings of this robot and test-cycle.
     set_name : str
     rows : sequence of mapping
         Design rows: `point` and the natural levels.
@@ -137,8 +137,8 @@ def simulate_chunk(
     report : callable, optional
         Called with the number of points done.
     time_limit : float, optional
-        Longest time a point [s]: the points are simulated in a process of their own, and one that takes
-        longer or crashes it has failed.
+        Longest time that a point may take [s]. The points are then simulated in a process of their own; a
+        point that takes longer, or crashes that process, has failed.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def _simulate_rows(
     cycle: Cycle,
     plan: Plan,
 ) -> Iterator[str | None]:
-    """Simulate and write points; yield for each why it failed, or None."""
+    """Simulate and write points; yield for each the reason why it failed, None where it did not."""
     inputs = _prepare_points(rows, set_name, model, cycle, plan)
     try:
         for row, result in zip(rows, simulate_points(model, inputs, plan.sample_rate), strict=True):
@@ -211,6 +211,8 @@ def _simulate_rows(
 def _prepare_points(
     rows: Sequence[Mapping[str, Any]], set_name: str, model: RobotModel, cycle: Cycle, plan: Plan
 ) -> Iterator[tuple]:
+    """Yield reference motion, conditions and noise seed of each design row."""
+
     @lru_cache(maxsize=KEPT)
     def build(dwell: float, limits: Numbers) -> Reference:
         return cycle.build(set_numbers(model, limits), dwell, plan.step)
@@ -223,17 +225,18 @@ def _prepare_points(
         yield build(dwell_of(levels, plan.kinds), limits), conditions, seed
 
 
-#: Reason in one line by set and point.
+#: Reason of each failed point in one line, by set and point.
 Failures = dict[tuple[str, int], str]
 
 
 def read_markers(markers: Iterable[str | Path]) -> tuple[dict[tuple[str, int], str], Failures]:
-    """What chunks say of their points in the markers that `workflow/scripts/simulate_points.py` writes.
+    """Read the markers that `workflow/scripts/simulate_points.py` writes, one for each simulated chunk.
 
     Parameters
     ----------
     markers : iterable of path-like
-        ``<set>/_chunk-<number>.json``: by point the ``fingerprints``, and the reasons of what ``failed``.
+        Files ``<set>/_chunk-<number>.json``. Each holds ``fingerprints`` by point, and ``failed``: the reason
+        by failed point.
 
     Returns
     -------
@@ -268,7 +271,7 @@ def check_failures(
     max_failed_share: float,
     sizes: Mapping[str, int] | None = None,
 ) -> None:
-    """Refuse a robot and test-cycle whose simulation failed too often.
+    """Refuse a robot and test-cycle whose simulation failed at too many points.
 
     Parameters
     ----------
@@ -277,16 +280,16 @@ def check_failures(
     points : mapping of str to sequence of int
         All points by set.
     where : str
-        Robot and test-cycle.
+        Robot and test-cycle, as the message names them.
     max_failed_share : float
         Largest share of a set's points whose simulation may fail.
     sizes : mapping of str to int, optional
-        Points of a whole set, where only some are given: the share is of all.
+        Number of points of each whole set, where `points` holds only some; the share refers to the whole set.
 
     Raises
     ------
     InputError
-        Above the share.
+        Where the share of failed points exceeds `max_failed_share`.
     """
     for name, wanted in points.items():
         failed = [int(point) for point in wanted if (name, int(point)) in failures]
@@ -303,12 +306,12 @@ def check_failures(
 def failure_table(
     failures: Mapping[tuple[str, int], str], points: Mapping[str, Sequence[int]], robot: str, cycle: str
 ) -> "pd.DataFrame":
-    """Failed points of a robot and test-cycle.
+    """List the failed points of a robot and test-cycle.
 
     Returns
     -------
     DataFrame
-        `robot`, `cycle`, `set`, `point`, `reason`, one row a failed point in the order of set and point;
+        `robot`, `cycle`, `set`, `point`, `reason`: one row for each failed point, sorted by set and point;
         empty where none failed.
     """
     import pandas as pd  # imported here: simulating jobs need no pandas
@@ -316,5 +319,5 @@ def failure_table(
     wanted = {(name, int(point)) for name in points for point in points[name]}
     rows = [(robot, cycle, *key, failures[key]) for key in sorted(wanted & failures.keys())]
     table = pd.DataFrame(rows, columns=["robot", "cycle", "set", "point", "reason"])
-    # An empty table has its columns' types too.
+    # Without this an empty table would lack the columns' types.
     return table.astype({**dict.fromkeys(("robot", "cycle", "set", "reason"), "str"), "point": "int64"})

@@ -1,4 +1,4 @@
-"""Mass matrix and bias torque of a tree of bodies, compiled, about one common origin.
+"""Compiled mass matrix and bias torque of a kinematic tree, in spatial vectors about one common origin.
 
 All spatial vectors are taken about the world's origin, (angular, linear), so that they add from link to link
 without being transformed: Featherstone, Rigid Body Dynamics Algorithms, 2008, secs. 5.3 (recursive
@@ -24,7 +24,7 @@ class Scratch(
 
 
 def make_scratch(n: int) -> Scratch:
-    """Scratch for `n` joints."""
+    """Scratch arrays for `n` joints, all 0."""
     z = np.zeros
     return Scratch(
         turn=z((n, 9)),
@@ -131,7 +131,7 @@ def _apply_inertia(g, j, x0, x1, x2, x3, x4, x5):
 
 @njit(cache=True, **INNER)
 def _newton_euler(chain: Chain, qd, w, v, a, f, j):
-    """Velocity, acceleration without joint acceleration, and the force that link `j` needs."""
+    """Velocity of link `j`, its acceleration at zero joint acceleration, and the force that it needs."""
     p = chain.parent[j]
     s = w.screw
     rate = qd[j]
@@ -177,6 +177,7 @@ def _newton_euler(chain: Chain, qd, w, v, a, f, j):
 
 @njit(cache=True, **INNER)
 def _project(s, f, j):
+    """Force or torque along joint `j`: product of its screw axis and a spatial force."""
     return (
         s[j, 0] * f[j, 0]
         + s[j, 1] * f[j, 1]

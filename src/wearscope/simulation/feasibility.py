@@ -1,4 +1,4 @@
-"""What is found before anything is simulated: what robots cannot do, and factors that move no torque."""
+"""Checks before a study is simulated: motions that a robot cannot do, and factors that change no torque."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -15,15 +15,15 @@ from wearscope.simulation.chunk import DEFAULT_DWELL
 from wearscope.simulation.sensors import check_rate, find_stride
 from wearscope.simulation.study import Conditions, simulate_point, simulate_points
 
-_NOMINAL_TEMPERATURE = 50.0
 #: Length of the beginning of a test-cycle that `check_start` simulates [s].
 START = 0.1
 
+#: Kind and natural range (kind, low, high) by factor.
 Ranges = Mapping[str, tuple[str, float, float]]
 
 
 def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: float | None = None) -> None:
-    """Refuse factor ranges that a robot's model does not cover.
+    """Refuse factor ranges that lie outside what a robot's model covers.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
     ranges : mapping of str to (kind, low, high)
         Natural range by factor.
     step : float
-        [s]
+        Step of the simulation [s].
     sample_rate : float, optional
         [Hz]; that of the robot's sensors by default.
 
     Raises
     ------
     InputError
-        Where a joint's friction does not hold at a temperature, a wear level is negative, a wear factor has
-        no joint, a mass error makes no mass, an effect is wrong, or the sampling interval is no whole number
-        of steps.
+        Where a joint's friction law does not cover a temperature, a wear level or delay is negative, a wear
+        factor has no joint, a mass error leaves no positive mass, an effect is wrong, or the sampling
+        interval is no whole number of steps.
     """
     check_effects(model)
     find_stride(step, model.sensors.sample_rate if sample_rate is None else sample_rate)
@@ -69,6 +69,7 @@ def check_robot(model: RobotModel, ranges: Ranges, step: float, sample_rate: flo
 
 
 def _check_number(model: RobotModel, number: Number, level: float, step: float) -> None:
+    """Refuse a level of a robot's number that makes its effects or its sample rate wrong."""
     changed = set_numbers(model, [(number, level)])
     check_effects(changed)
     if number.path == SAMPLE_RATE:
@@ -111,7 +112,10 @@ def check_cycle(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, ste
 
 
 def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, step: float) -> float:
-    of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
+    """Refuse a test-cycle that one model cannot follow; return its duration at the longest dwell [s]."""
+    of_kind: dict[str, list[float]] = {}
+    for kind, low, high in ranges.values():
+        of_kind.setdefault(kind, []).extend((low, high))
     dwells = sorted({value / 1000.0 for value in of_kind.get("dwell", ())} or {DEFAULT_DWELL})
     # The robot carries declared / (1 + error).
     error = max(abs(1.0 / (1.0 + value / 100.0) - 1.0) for value in of_kind.get("payload_mass_error", (0.0,)))
@@ -130,8 +134,8 @@ def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, s
             reference,
             model,
             label,
-            of_kind.get("temperature", (_NOMINAL_TEMPERATURE,)),
-            of_kind.get("wear", (0.0, 0.0))[1],
+            of_kind.get("temperature", (Conditions.temperature,)),
+            max(of_kind.get("wear", (0.0,))),
             error,
         )
         duration = float(reference.t[-1])
@@ -141,10 +145,10 @@ def _check_motion(model: RobotModel, cycle: Cycle, label: str, ranges: Ranges, s
 def check_start(
     model: RobotModel, cycle: Cycle, label: str, step: float, sample_rate: float | None = None
 ) -> None:
-    """Refuse a robot whose simulation does not even start, by its first tenth of a second.
+    """Refuse a robot whose simulation fails within the first tenth of a second.
 
-    This proves PyBullet with the robot (`wearscope.simulation.world.prove_world`). It also leaves the step
-    compiled for the jobs that follow: two of them at once would each compile it.
+    This runs PyBullet's self-test with the robot (`wearscope.simulation.world.prove_world`). It also compiles
+    the step once for the jobs that follow: two of them at the same time would each compile it.
 
     Parameters
     ----------
@@ -153,9 +157,9 @@ def check_start(
     label : str
         What messages call the test-cycle.
     step : float
-        [s]
+        Step of the simulation [s].
     sample_rate : float, optional
-        [Hz]
+        [Hz]; that of the robot's sensors by default.
 
     Raises
     ------
@@ -176,11 +180,12 @@ def check_start(
         )
 
 
-#: A change of torque below this share of the joint's largest torque is rounding.
+#: A change of torque below this share of the joint's largest torque is a rounding error.
 ROUNDING = 1e-9
-#: The torque is computed at every fifth sample.
+#: The screening samples a motion at least this many steps of the simulation apart, to save time.
 STRIDE = 5
 
+#: What a user can do where a factor of a kind changes no torque.
 REMEDIES = {
     "wear": "give the joint that it wears an effect that depends on wear (carry_over does), drop the factor "
     "from the study",
@@ -194,12 +199,13 @@ REMEDIES = {
 def screen_factors(
     model: RobotModel, cycles: Mapping[str, Cycle], ranges: Ranges, step: float
 ) -> pd.DataFrame:
-    """Largest change of any joint's torque between the ends of each factor's range.
+    """Find for each factor the largest change of a joint's torque between the ends of the factor's range.
 
-    The torque is that of inverse dynamics along the test-cycles' reference motions, which every recording
+    The torque comes from inverse dynamics along the test-cycles' reference motions, which every recording
     follows: rigid body with the true payload, rotors and the model's effects. For a number of the robot both
-    ends are simulated, and all that is recorded counts. A detector's number moves no recording: its change is
-    NaN, and it counts as one that moves.
+    ends are simulated instead, and a change of any recorded signal counts. A detector's number changes no
+    recording: its change is NaN, and it passes the screening. A factor that one test-cycle shows is not
+    computed for the test-cycles that follow.
 
     Parameters
     ----------
@@ -208,13 +214,14 @@ def screen_factors(
     ranges : mapping of str to (kind, low, high)
         Natural range by factor, in the design's order.
     step : float
-        [s]
+        Step of the simulation [s].
 
     Returns
     -------
     DataFrame
-        ``factor``, ``kind``, ``change`` (of the joint where it is largest, over that joint's largest torque),
-        ``joint``, ``cycle`` (that shows it; empty where none does), ``moves``.
+        ``factor``, ``kind``, ``change`` (at the joint where it is largest, over that joint's largest torque),
+        ``joint``, ``cycle`` (the first that shows the factor; empty where none does), ``moves`` (whether the
+        change exceeds rounding errors).
     """
     found: dict[str, tuple[float, str, str]] = {name: (0.0, "", "") for name in ranges}
     for label, cycle in cycles.items():
@@ -255,16 +262,16 @@ def screen_factors(
 def check_screening(
     screening: pd.DataFrame, robot: str, tested: Sequence[str], on_idle: Literal["refuse", "drop"] = "refuse"
 ) -> pd.DataFrame:
-    """Refuse a factor that moves no torque, or mark it as dropped.
+    """Refuse a factor that changes no torque, or mark it as dropped.
 
     Parameters
     ----------
     screening : DataFrame
         From `screen_factors`.
     robot : str
-        As tables call it.
+        Name of the robot in tables.
     tested : sequence of str
-        Factors that are the fault of a tested axis, which cannot be dropped.
+        Factors that are the fault of a tested axis; these cannot be dropped.
     on_idle : {"refuse", "drop"}
 
     Returns
@@ -275,7 +282,7 @@ def check_screening(
     Raises
     ------
     InputError
-        Naming robot and factor, and what to do.
+        Where a factor changes no torque and cannot be dropped, or `on_idle` is ``"refuse"``.
     """
     for row in screening.itertuples():
         if row.moves or (on_idle == "drop" and row.factor not in tested):
@@ -296,7 +303,7 @@ def check_screening(
 def _largest_change(
     model: RobotModel, references: Mapping[float, Reference], name: str, ranges: Ranges
 ) -> tuple[float, int]:
-    """Change of torque over the largest torque, and the joint where it is largest."""
+    """Return the largest relative change of torque between a factor's ends, and the joint's index."""
     kind, low, high = ranges[name]
     torques = []
     for level in (low, high):
@@ -316,7 +323,7 @@ def _largest_change(
 def _recorded_change(
     model: RobotModel, cycle: Cycle, step: float, number: Number, levels: tuple[float, float]
 ) -> tuple[float, int]:
-    """Change of what is recorded over its largest magnitude, and the joint where it is largest."""
+    """Return the largest relative change of a recorded signal between two levels, and the joint's index."""
     runs = []
     for level in levels:
         numbers = ((number, level),)
@@ -337,8 +344,8 @@ def _recorded_change(
 
 
 def _compare(first: Sequence[Array], second: Sequence[Array]) -> tuple[float, int]:
-    """Largest change of signals (N, n) over their largest magnitude, and the joint where it is largest."""
-    if len(first[0]) != len(second[0]):  # the duration or rate changes, so that every later sample does
+    """Return the largest change of signals (N, n) over their largest magnitude, and the joint's index."""
+    if len(first[0]) != len(second[0]):  # another duration or rate: every later sample differs
         return 1.0, 0
     changes = []
     for one, other in zip(first, second, strict=True):

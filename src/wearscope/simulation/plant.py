@@ -1,8 +1,7 @@
 """The simulated robot: a model's bodies and drive train with its effects installed, and its controller.
 
-The controller feeds the declared model's torque forward along the reference, and feeds back each motor's
-position and speed at each instant, as an analog one would; it has no integrator, no delay and no quantisation
-of its own.
+The controller feeds the torque of the declared model forward along the reference. It feeds back position and
+speed of each motor at each instant, as an analog controller would: without integrator, delay or quantisation.
 """
 
 import numpy as np
@@ -16,20 +15,23 @@ from wearscope.robots.model import RobotModel, check_effects
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Gears, Law
 
-#: Effects whose value the drive section of a robot's model may state, in the order of their installation.
-#: They are imported by name, so that jobs that simulate a robot depend on their files.
+#: Effects whose value may stand in the drive section of a robot's model, in the order of their installation.
+#: They are imported by name, so that the jobs that simulate a robot depend on the effects' files.
 STATED_BY_DRIVE = (ROTOR_INERTIA,)
 
 
-#: Where a gear has lost motion but no compliance: deflection at the largest torque, as a share of half the
-#: lost motion, so that the deflection law can be inverted.
+#: Least elastic deflection of a gear with lost motion at the largest torque, as a share of half the lost
+#: motion. It replaces a compliance of 0, at which the deflection law cannot be inverted.
 LEAST_DEFLECTION = 1e-3
 #: Torques balance to this share of the largest torque.
 BALANCE = 1e-7
 
 
 def build_plant(model: RobotModel) -> Plant:
-    """Plant with a model's effects.
+    """Build the plant of a model: install its effects.
+
+    An effect whose value the model's drive section states takes that value at every joint that lists no
+    parameters of its own.
 
     Parameters
     ----------
@@ -38,12 +40,11 @@ def build_plant(model: RobotModel) -> Plant:
     Returns
     -------
     Plant
-        An effect whose value the drive states has it wherever a joint lists no parameters of its own.
 
     Raises
     ------
     InputError
-        Where an effect or a parameter is not in the vocabulary.
+        Where the model names an effect or a parameter that does not exist.
     """
     check_effects(model)
     plant = Plant(model.n)
@@ -63,13 +64,13 @@ def build_plant(model: RobotModel) -> Plant:
 
 
 def build_gears(plant: Plant, torque_scale: np.ndarray) -> Gears:
-    """Gears and motors of a plant's joints, as the step takes them.
+    """Arrays of the gears and motors of a plant for the compiled step.
 
     Parameters
     ----------
     plant : Plant
     torque_scale : ndarray (n,)
-        Largest torque to expect.
+        Largest torque to expect at each joint [N m or N].
     """
     flexible = (plant.compliance > 0.0) | (plant.lost_motion > 0.0)
     least = 0.5 * plant.lost_motion * LEAST_DEFLECTION / torque_scale
@@ -83,14 +84,15 @@ def build_gears(plant: Plant, torque_scale: np.ndarray) -> Gears:
     )
 
 
-#: Feedback where the model states none.
+#: Natural frequency [Hz] and damping ratio of the feedback where the model states none.
 DEFAULT_BANDWIDTH_HZ, DEFAULT_DAMPING = 5.0, 1.0
-#: Signals of friction: an effect that depends on none of them is part of the feed-forward in any case.
+#: Beginnings of the names of the signals that friction depends on. An effect that depends on none of them is
+#: always fed forward.
 FRICTION_SIGNALS = ("qd_", "sign_qd_", "temp_", "reversal_")
 
 
 def find_step(t: Array) -> float:
-    """Step of an even time vector (N,) [s].
+    """Return the step [s] of an evenly spaced time vector (N,).
 
     Raises
     ------
@@ -101,8 +103,7 @@ def find_step(t: Array) -> float:
     # A recorded clock in single precision jitters by some 1e-5 of a step.
     if len(steps) < 2 or not steps.min() > 0.0 or np.ptp(steps) > 1e-3 * steps.mean():
         raise InputError("reference: t does not grow in equal steps; sample the motion at a fixed rate.")
-    # Digits below the clock's resolution are rounding errors of t; rounded off, the step equals the
-    # configured one.
+    # The mean step carries rounding errors of t; rounded to 1e-12 s it equals the configured step.
     return float(np.round((t[-1] - t[0]) / len(steps), 12))
 
 
@@ -114,7 +115,7 @@ def make_feedforward(
     friction: bool = False,
     temperature: Array | float = 50.0,
 ) -> Array:
-    """Torque (N, n) that the declared model needs along a reference.
+    """Return the torque (N, n) that the declared model needs along a reference.
 
     Parameters
     ----------
@@ -123,12 +124,13 @@ def make_feedforward(
     body : RigidBody
         Its bodies with the declared payload.
     plant : Plant
-        Its effects, of which the rotor inertia is taken.
+        Its plant, of which only the rotor inertia is used here.
     reference : Reference
     friction : bool
-        Whether effects that depend on speed, reversals or temperature are fed forward too; others always are.
+        Whether effects that depend on speed, reversals or temperature are fed forward too; all other effects
+        always are.
     temperature : array (n,) or float
-        That the controller assumes for them [deg C].
+        Joint temperature that the controller assumes [deg C].
     """
     q, v, a = reference.q, reference.v, reference.a
     load = body.inverse_dynamics(q, v, a)
@@ -152,20 +154,23 @@ def make_law(
     armature: Array,
     torque_limit: Array,
 ) -> Law:
-    """Controller for one reference.
+    """Build the controller for one reference.
 
     Parameters
     ----------
     model : RobotModel
         The declared model; its `controller` sets the natural frequency and damping ratio of each joint.
     reference : Reference
-        One sample a step.
+        One sample for each step.
     feedforward : ndarray (N, n)
+        Torque at the joints [N m or N].
     body : RigidBody
-        With the declared payload: gains go with the mean inertia that it has along the reference.
+        With the declared payload. Gains are proportional to the mean inertia of each joint along the
+        reference.
     armature : ndarray (n,)
+        Rotor inertia at the joints [kg m^2 or kg].
     torque_limit : ndarray (n,)
-        Of the motor, at the joint.
+        Largest motor torque, as joint torque [N m or N].
     """
     given = model.controller
     bandwidth = DEFAULT_BANDWIDTH_HZ if given is None else given.bandwidth_hz
@@ -174,7 +179,8 @@ def make_law(
     some = np.linspace(0, len(reference.q) - 1, 25).astype(int)
     inertia = np.mean([np.diag(body.mass_matrix(q)) for q in reference.q[some]], axis=0) + armature
     dt = find_step(reference.t)
-    # Speeds as the steps have them, means over two: a motor on its reference then needs no feedback.
+    # The step's speeds are differences of positions. With the reference's central differences as target, a
+    # motor that follows its reference exactly gets no feedback torque.
     ends = dt * np.stack([reference.v[0], reference.v[-1]])
     around = np.vstack([reference.q[1] - 2.0 * ends[0], reference.q, reference.q[-2] + 2.0 * ends[1]])
     contiguous = np.ascontiguousarray

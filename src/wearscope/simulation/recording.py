@@ -1,7 +1,7 @@
-"""What a drive records of a run, the Parquet partition that holds it, and where recordings lie.
+"""Recordings of simulated runs, as a drive would record them: their Parquet files and folders.
 
-There is a folder for each set, and in it a partition for each point; a chunk is also one file, which a
-storage carries.
+Each set of a study has a folder, with one Parquet file for each point. The recordings of a chunk can also be
+packed into one tar file, which is easier to keep in a remote storage.
 """
 
 import re
@@ -53,8 +53,9 @@ def write_recording(
 ) -> None:
     """Write a run in long form: `t`, `joint`, `q`, `qd`, `tau`, joint after joint.
 
-    Speed and torque are stored in single precision, a millionth of the sensors' own noise; position keeps the
-    encoder's steps, which single precision would not. Equal recordings give equal bytes.
+    Speed and torque are stored in single precision, whose error is about a millionth of the sensors' noise.
+    Position is stored in double precision, which keeps the encoder's steps. Equal recordings give equal
+    bytes.
 
     Parameters
     ----------
@@ -62,9 +63,9 @@ def write_recording(
     recording : Recording
     joints : sequence of str (n,)
     position_units, torque_units : sequence of str (n,), optional
-        By joint, rad and N m by default; a column whose joints differ names each joint's.
+        Units by joint, rad and N m by default. Where joints differ, the column's unit lists each joint's.
     fingerprint : str, optional
-        Of what the run was made from, kept in the file's metadata; see `read_fingerprint`.
+        Digest of everything that the run depends on, kept in the file's metadata; see `read_fingerprint`.
     """
     count, n = recording.q.shape
     position_units = ["rad"] * n if position_units is None else list(position_units)
@@ -100,7 +101,7 @@ def write_recording(
 
 
 def read_fingerprint(path: str | Path) -> str | None:
-    """Fingerprint of an undamaged recording; None where the recording is damaged or has none."""
+    """Return the fingerprint of a recording; None where the file is missing, damaged or has none."""
     try:
         table = tables.read_arrow(path, list(COLUMNS))
     except tables.DamagedFile:
@@ -114,7 +115,7 @@ def _fingerprint(table: pa.Table) -> str | None:
 
 
 def join_units(joints: Sequence[str], units: Sequence[str]) -> str:
-    """Unit of a column of all joints; by joint where they differ."""
+    """Return the unit of a column that holds all joints: one unit, or a list by joint where they differ."""
     if len(set(units)) == 1:
         return units[0]
     return ", ".join(f"{joint}: {unit}" for joint, unit in zip(joints, units, strict=True))
@@ -126,17 +127,17 @@ def read_recording(
     fingerprint: str | None = None,
     content: bytes | None = None,
 ) -> Recording:
-    """Read a run, its pages checked by their checksums.
+    """Read a recording; the checksums of its Parquet pages are verified.
 
     Parameters
     ----------
     path : path-like
     joints : sequence of str, optional
-        Order of the joints, that of the file by default.
+        Order of the joints; that of the file by default.
     fingerprint : str, optional
-        The recording must have it: another one is of another point, setting or code.
+        Fingerprint that the recording must have. Another one means another point, setting or code.
     content : bytes, optional
-        The recording, where the file holds others too.
+        Bytes of the recording, where `path` is a packed file that holds several.
 
     Raises
     ------
@@ -179,21 +180,19 @@ MEMBER = re.compile(r"point=(\d+)/recording\.parquet")
 
 
 def point_path(folder: str | Path, set_name: str, point: int) -> Path:
-    """File of a design point's recording: one partition a point."""
+    """Return the file of a design point's recording: one folder for each point."""
     return Path(folder) / set_name / f"point={point}" / "recording.parquet"
 
 
 def pack_recordings(file: str | Path, points: Iterable[int]) -> None:
-    """Write the recordings of some points, which lie in the file's folder, into one uncompressed tar.
-
-    Its bytes depend on the recordings alone.
+    """Pack the recordings of some points into one uncompressed tar file, whose bytes depend on them alone.
 
     Parameters
     ----------
     file : path-like
-        In the folder of the set, see `point_path`.
+        File to write, in the folder of the set that holds the recordings, see `point_path`.
     points : iterable of int
-        Those that have a recording.
+        Points that have a recording.
 
     Raises
     ------
@@ -215,23 +214,23 @@ def pack_recordings(file: str | Path, points: Iterable[int]) -> None:
 
 
 def remove_recordings(folder: str | Path, points: Iterable[int]) -> None:
-    """Remove the recordings of some points, which lie in the folder of a set and were packed."""
+    """Remove the single recordings of some points from the folder of their set, after they were packed."""
     for point in points:
         shutil.rmtree(point_path(Path(folder).parent, Path(folder).name, point).parent, ignore_errors=True)
 
 
 class PackedRecordings:
-    """Recordings that are read where they were packed.
+    """Recordings in tar files, which are read without unpacking the files.
 
     Parameters
     ----------
     files : iterable of path-like
-        As `pack_recordings` wrote them, each in the folder of its set.
+        Files that `pack_recordings` wrote, each in the folder of its set.
 
     Raises
     ------
     DamagedFile
-        Where a file is not there, cut, or holds anything else.
+        Where a file is missing, truncated, or holds anything but recordings.
     """
 
     def __init__(self, files: Iterable[str | Path]) -> None:
@@ -253,11 +252,11 @@ class PackedRecordings:
                 ) from error
 
     def holds(self, set_name: str) -> bool:
-        """Whether there is a file of a set."""
+        """Return whether any of the files belongs to a set."""
         return any(file.parent.name == set_name for file in self._files)
 
     def read(self, set_name: str, point: int) -> tuple[Path, bytes]:
-        """File that a recording is packed in, and its content.
+        """Return the file that holds a recording, and the recording's bytes.
 
         Raises
         ------
@@ -283,24 +282,24 @@ def read_points(
     fingerprints: Mapping[tuple[str, int], str] | None = None,
     packed: PackedRecordings | None = None,
 ) -> Iterator[tuple[int, Recording]]:
-    """Recordings of some points of a set, one at a time.
+    """Yield the recordings of some points of a set, one at a time.
 
     Parameters
     ----------
     folder : path-like
-        Traces of this robot and test-cycle.
+        Folder of the recordings of this robot and test-cycle.
     set_name : str
     points : sequence of int
     model : RobotModel
     fingerprints : mapping of (set, point) to str, optional
-        What the recordings must have been made from, see `wearscope.simulation.chunk.fingerprint_point`.
+        Fingerprints that the recordings must have, see `wearscope.simulation.chunk.fingerprint_point`.
     packed : PackedRecordings, optional
-        Where they are, if not a file a point in the folder.
+        Packed files, which are used for every set that they hold; other sets are read point by point.
 
     Raises
     ------
     DamagedFile
-        Where a recording is missing, damaged or another one.
+        Where a recording is missing, damaged, or has another fingerprint.
     """
     for point in map(int, points):
         wanted = None if fingerprints is None else fingerprints[set_name, point]

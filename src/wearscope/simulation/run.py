@@ -1,4 +1,4 @@
-"""One run: blocks of steps solved ahead, applied in PyBullet, and checked against where PyBullet arrives."""
+"""One run: the compiled step solves a block of steps, PyBullet applies their torques, and both must agree."""
 
 from dataclasses import dataclass
 
@@ -29,9 +29,9 @@ from wearscope.simulation.world import World
 
 #: Steps between two readings of PyBullet's state.
 BLOCK = 200
-#: Largest difference at a block's end between PyBullet's state and the solution, over 1 + its size.
+#: Largest difference between PyBullet's state and the solution at a block's end, over 1 + its magnitude.
 AGREEMENT = 1e-7
-#: A motor further than this from its reference [rad or m] has lost it.
+#: A run fails where a motor is further than this from its reference [rad or m].
 LOST = 0.5
 
 
@@ -50,10 +50,10 @@ class Trace:
     torque : ndarray (N, n)
         Motor torque, as joint torque.
     applied : ndarray (N, n)
-        Joint torque that PyBullet got for the step about `t`.
+        Joint torque that PyBullet got for the step from half a step before `t` to half a step after it.
     shares : dict of str to ndarray (N, n), or None
-        What `applied` is made of, means over the step about `t`:
-        ``motor - rotor + bias - (all effects by name)``.
+        Parts of `applied`, as means over that step: ``motor``, ``rotor``, ``bias`` and each effect by its
+        name. ``applied = motor - rotor + bias - (sum of the effects)``.
     """
 
     t: Array
@@ -65,7 +65,7 @@ class Trace:
 
 
 def start_state(state: State, motion: Motion, gears: Gears, chain, q: Array, v: Array) -> None:
-    """Put the motors at `q`, `v` and the links where static load bends the gears to."""
+    """Set the motors to `q`, `v`, and the links to the deflection of the gears under gravity."""
     scratch = make_scratch(len(q))
     still = np.zeros(len(q))
     gap = np.zeros(len(q))
@@ -82,7 +82,7 @@ def start_state(state: State, motion: Motion, gears: Gears, chain, q: Array, v: 
 
 
 def as_rows(values: Array | float, n: int) -> Array:
-    """Values by joint as rows (1 or N, n)."""
+    """Return values that are (N, n), (n,) or a number as an array (N or 1, n)."""
     array = np.asarray(values, dtype=float)
     if array.ndim < 2:
         array = np.broadcast_to(array, (1, n))
@@ -107,11 +107,11 @@ def run_motion(
     ----------
     world : World
     body : RigidBody
-        The bodies as they are, with the true payload.
+        The true bodies, with the true payload.
     plant : Plant
-        Everything else of the robot.
+        Drive train and effects of the robot.
     law : Law
-        Controller; one row a step.
+        Controller; one row for each step.
     dt : float
         Step [s].
     temperature, wear : array (N, n), (n,) or float
@@ -120,12 +120,13 @@ def run_motion(
     t0 : float
         Time of the first step [s].
     by_effect : bool
-        Whether the trace tells what the torque for PyBullet is made of.
+        Whether the trace splits the torque for PyBullet into its parts.
 
     Raises
     ------
     SimulationError
-        Where a step has no solution, a motor loses its reference, or PyBullet does not arrive there.
+        Where a step has no solution, a motor loses its reference, or PyBullet's state differs from the
+        solution.
     """
     n, count = body.n, len(law.feedforward)
     scale = np.where(np.isfinite(law.limit), law.limit, 0.0)
@@ -169,6 +170,7 @@ def run_motion(
 
 
 def _name_shares(log: Log, plant: Plant) -> dict[str, Array]:
+    """Return the parts of the applied torque (N, n) by name; the terms of one effect are added up."""
     shares = {"motor": log.motor, "rotor": log.rotor, "bias": log.bias}
     for column, term in enumerate(order_terms(plant)):
         share = shares.setdefault(term.effect, np.zeros_like(log.motor))
@@ -176,8 +178,9 @@ def _name_shares(log: Log, plant: Plant) -> dict[str, Array]:
     return shares
 
 
-# Joint by joint: numpy takes several times as long for so few.
+# Joint by joint: numpy takes several times as long for a few joints.
 def _compare(q: Array, v: Array, state: State, names: list[str], t: float) -> None:
+    """Refuse a state of PyBullet that differs from the solution of the step."""
     solved = zip(names, q.tolist(), state.q.tolist(), v.tolist(), state.v.tolist(), strict=True)
     for name, position, own_position, speed, own_speed in solved:
         if not (
@@ -191,6 +194,7 @@ def _compare(q: Array, v: Array, state: State, names: list[str], t: float) -> No
 
 
 def _check_tracking(q: Array, law: Law, row: int, names: list[str], t: float) -> None:
+    """Refuse a motor position that is too far from its reference."""
     wanted = zip(names, q.tolist(), law.position[row].tolist(), law.stiffness.tolist(), strict=True)
     for name, position, reference, stiffness in wanted:
         # Without position feedback there is no reference to lose.

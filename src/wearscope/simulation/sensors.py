@@ -1,4 +1,4 @@
-"""Sensors of a drive: encoder steps, gain, lag and noise of the torque, and the rate of recording."""
+"""Sensors of a drive: encoder steps, gain, delay and noise of the torque, and the sample rate."""
 
 import hashlib
 
@@ -9,20 +9,20 @@ from wearscope.robots.spatial import Array
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace
 
-#: A drive's speed is the difference of encoder steps this long before and after the instant [s].
+#: A drive's speed is the difference of two encoder positions: this long [s] before and after the instant.
 SPEED_TIME = 1e-3
-#: A sampling interval counts as a whole number of steps where it differs by less than this share.
+#: A sampling interval may differ from a whole number of steps by this share.
 _WHOLE = 1e-6
 
 
 def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
-    """Seed of one thing, which depends on the root seed and the name of the thing alone.
+    """Return a seed that depends on the root seed and on the given names alone.
 
     Parameters
     ----------
     root : int
     *identity
-        E.g. robot, test-cycle, set and point.
+        What the seed is for, e.g. robot, test-cycle, set and point.
     """
     digest = hashlib.sha256("\0".join(str(part) for part in identity).encode()).digest()
     words = np.frombuffer(digest, dtype="<u4")
@@ -30,7 +30,7 @@ def seed_of(root: int, *identity: object) -> np.random.SeedSequence:
 
 
 def find_stride(dt: float, sample_rate: float) -> int:
-    """Steps between two samples.
+    """Return the number of steps between two samples.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def find_stride(dt: float, sample_rate: float) -> int:
 
 
 def check_rate(dt: float, sample_rate: float) -> None:
-    """Refuse more samples than steps with InputError."""
+    """Raise InputError where the sample rate exceeds the rate of the simulation's steps."""
     if dt * sample_rate > 1.0 + _WHOLE:
         raise InputError(
             f"sample_rate {sample_rate:g} Hz is above the {1.0 / dt:g} steps a second that are simulated; "
@@ -56,7 +56,7 @@ def check_rate(dt: float, sample_rate: float) -> None:
 
 
 def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
-    """Torque (N, n) shifted in time by `delay` (n,) [s], linear between steps, held at the ends."""
+    """Return the torque (N, n) delayed by `delay` (n,) [s]: interpolated linearly, held at the ends."""
     if not np.any(delay):
         return torque
     steps = np.arange(len(torque), dtype=float)
@@ -66,7 +66,7 @@ def lag_torque(torque: Array, delay: Array, dt: float) -> Array:
 
 
 def _encode(position: Array, resolution: Array) -> Array:
-    """Positions (N, n) in whole encoder steps, as they are where the resolution is 0."""
+    """Round positions (N, n) to whole encoder steps; a joint with resolution 0 keeps its positions."""
     exact = resolution == 0.0
     steps = np.where(exact, 1.0, resolution)
     encoded = position / steps
@@ -87,10 +87,10 @@ def record(
     torque_delay: Array,
     seed: int | np.random.SeedSequence | None,
 ) -> Recording:
-    """Record a run as a drive does, sampling every signal at the same instants without filtering it.
+    """Record a run as a drive does: all signals are sampled at the same instants, without a filter.
 
-    Positions are encoder steps; speeds are the difference of those `SPEED_TIME` before and after; torques are
-    the motor's, with gain error, lag and white noise.
+    Positions are rounded to encoder steps. Speeds are the difference of the encoder positions `SPEED_TIME`
+    before and after. Torques are the motor's, with gain error, delay and white noise.
 
     Parameters
     ----------
@@ -98,14 +98,15 @@ def record(
     dt, sample_rate : float
         Step [s] and samples a second [Hz].
     encoder_resolution : ndarray (n,)
-        0 does not quantise.
+        Encoder step [rad or m]; 0 does not round.
     torque_noise : ndarray (n,)
-        Standard deviation.
+        Standard deviation [N m or N].
     torque_gain : ndarray (n,)
+        Relative gain error [-].
     torque_delay : ndarray (n,)
         [s]
     seed : int or SeedSequence or None
-        Of the noise; None records without noise.
+        Seed of the noise; None records without noise.
 
     Raises
     ------
@@ -130,16 +131,16 @@ def record(
 
 
 def _sample(signals: tuple[Array, Array, Array, Array], dt: float, sample_rate: float) -> list[Array]:
-    """Time, position, speed and torque at the recorder's instants; between steps, interpolated.
+    """Return time, position, speed and torque at the recorded instants, interpolated between steps.
 
-    Position goes along the cubic that has the steps' positions and speeds, speed and torque along straight
-    lines, whose error is of second order in the step.
+    Positions follow the cubic through the steps' positions and speeds. Speed and torque are interpolated
+    linearly, with an error of second order in the step.
     """
     check_rate(dt, sample_rate)
     every = 1.0 / (dt * sample_rate)
     if abs(round(every) / every - 1.0) <= _WHOLE:
         return [values[:: round(every)].copy() for values in signals]
-    # Only here: its import takes as long as the simulation of some points.
+    # Imported only here: the import takes as long as the simulation of several points.
     from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
     t, q, v, torque = signals

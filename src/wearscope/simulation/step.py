@@ -1,10 +1,11 @@
-"""The compiled step: friction, rotors, gears and controller solved for speeds half a step on.
+"""The compiled step: it solves friction, rotors, gears and controller for the speeds half a step later.
 
-PyBullet's step is ``v += dt M^-1 (torque - c)``, ``q += dt v``: with positions q at the instants t_k = k dt,
-its speeds are those half a step off them (Stoermer-Verlet, leapfrog). So step k takes the speeds from
-t_k - dt/2 to t_k + dt/2 and balances the torques at their mean, which is that at t_k. A step within which a
-motor comes to rest or turns is taken in parts that end there, as friction jumps at that moment. The torque
-that the links get over the step, less what PyBullet takes for their bias itself, goes to PyBullet.
+PyBullet's step is ``v += dt M^-1 (torque - c)``, ``q += dt v``. With positions q at the instants t_k = k dt,
+its speeds lie half a step between them (Stoermer-Verlet, leapfrog). So step k takes the speeds from
+t_k - dt/2 to t_k + dt/2, and balances the torques at the mean of these speeds, which is the speed at t_k. A
+step within which a motor comes to rest or reverses is split into parts at that moment, as friction jumps
+there. PyBullet gets the mean torque on the links over the step; the bias torque that PyBullet computes from
+its own state is taken into account.
 
 Hairer, Lubich, Wanner 2003, Acta Numerica 12, for the leapfrog; Acary and Brogliato 2008, Numerical Methods
 for Nonsmooth Dynamical Systems, sec. 7, for steps that end at events; `wearscope.simulation.balance`.
@@ -23,17 +24,20 @@ from wearscope.simulation.terms import remember, share_out
 
 #: Modules of this room whose code is compiled into the step.
 SOURCES = ("arrays", "balance", "chain", "dynamics", "step", "terms")
-#: A step that is not finished after this many parts is taken whole, with the torques at its end.
+#: After this many parts, the rest of a step is taken at once, with the torques balanced at its end.
 MAX_PARTS = 24
-#: Share of a step that counts as an instant: a motor that turns within it is at rest already.
+#: Share of a step that counts as an instant: a motor that reverses within it is set to rest.
 INSTANT = 1e-5
-#: Only parts longer than this share of a step give accelerations.
+#: Accelerations for the next first iterate come only from parts longer than this share of a step.
 LASTING = 0.1
 
 
 @njit(**INNER)
 def _finish_part(law, gears, state, work, motion, k, length, h, start, lasting):
-    """Speeds at a part's end; speeds and torques at t_k if it lies within. `start` is its start after t_k."""
+    """Set the speeds at the end of a part, and log speed and torque at t_k where the part contains it.
+
+    `start` is the part's start, counted from t_k [s].
+    """
     n = len(state.mode)
     for j in range(n):
         link = state.v[j] + (work.x[j] - state.v[j]) * (length / h)
@@ -66,7 +70,7 @@ def _finish_part(law, gears, state, work, motion, k, length, h, start, lasting):
 def _take_step(
     rows, terms, law, gears, state, work, motion, w, log, k, t, dt, start, warm, worn, may_trust
 ):  # fmt: skip
-    """Take the speeds from `start` after t_k to half a step after it; False where torques do not balance."""
+    """Take the speeds from t_k + `start` to t_k + dt/2; return False where the torques do not balance."""
     left = 0.5 * dt - start
     parts = 0
     while left > INSTANT * dt:
@@ -115,25 +119,26 @@ def _take_step(
 
 
 def _stamp_sources() -> int:
-    """Digest of the sources that the compiled step is made of.
+    """Return a digest of the source files that are compiled into the step.
 
-    Numba looks for changes in a cached function's own file only. The digest is a variable of the compiled
-    function and so part of the key of its cache; functions of this file that use those of other files are not
-    cached.
+    Numba notices changes only in the file of the cached function itself. The digest is a closure variable of
+    the compiled function and so part of its cache key: a change of any of the files compiles the step anew.
     """
     files = [Path(__file__).with_name(f"{name}.py") for name in SOURCES]
     return int(hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12], 16)
 
 
 def _compile_advance(stamp: int) -> Callable:
+    """Return the compiled function that advances a block of steps; `stamp` is part of its cache key."""
+
     @njit(cache=True, error_model="numpy")
     def advance_block(
         rows, terms, law, gears, plant, bodies, ghost, state, work, motion, w, v, log,
         temperature, wear, t0, dt, first, last,
     ):  # fmt: skip
-        """Take steps `first` to `last` (exclusive) from `state`, which is left at their end.
+        """Take steps `first` to `last` (exclusive) from `state`, which then holds the state after them.
 
-        Step 0 is the half step after t0: before it, the speeds of the state are those at t0.
+        Step 0 takes the speeds from t0 to half a step later; before it, `state` holds the speeds at t0.
 
         Parameters
         ----------
@@ -141,7 +146,7 @@ def _compile_advance(stamp: int) -> Callable:
         law : Law
         gears : Gears
         plant, bodies : Chain
-            The robot as it is, and as PyBullet holds it; they differ where `ghost` is set.
+            The true robot, and the robot that PyBullet holds; they differ where `ghost` is true.
         state : State
         work, motion, w, v : Work, Motion, Scratch, Scratch
         log : Log
@@ -154,7 +159,7 @@ def _compile_advance(stamp: int) -> Callable:
         Returns
         -------
         int
-            -1, or the step that has no solution.
+            -1, or the index of the step that has no solution.
         """
         if stamp < 0:
             return first
@@ -167,8 +172,8 @@ def _compile_advance(stamp: int) -> Callable:
         temperature, wear = borrow((temperature, wear))
         rows = borrow_rows(rows)
         n = len(state.q)
-        # Memory, coupling and load come from the last evaluation, so a correction must not be trusted without
-        # one.
+        # Terms with memory, coupling or load use values of the last evaluation. A correction must therefore
+        # not be accepted without another evaluation.
         may_trust = not (terms.remembers.any() or terms.coupled.any() or terms.loaded.any())
         for k in range(first, last):
             start = 0.0 if k == 0 else -0.5 * dt

@@ -1,7 +1,4 @@
-"""Design points of a study: conditions in, recordings out, one by one or a chunk at a time.
-
-A model is also simulated along a measured or planned motion, under a controller of its own.
-"""
+"""Simulation of design points: conditions in, recordings out; and of one model along a given motion."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,13 +22,13 @@ from wearscope.simulation.world import World, prove_world, pybullet
 
 T = TypeVar("T")
 
-#: References (with their controllers) and payloads kept for further points: enough for the levels of a
-#: design, where points share them, and few where each of thousands of points has its own.
+#: Number of references (with their controllers) and of payloads that are kept for later points. It covers the
+#: levels of a design whose points share them, and bounds the memory where each point has its own.
 KEPT = 8
-#: Kinds of factor that a simulated point knows; the dwell is part of its reference motion.
+#: Kinds of factor that the simulation knows; the dwell acts through the reference motion.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
-#: Errors of a run whose physics cannot be computed: the point failed. Any other error, such as a full disk or
-#: want of memory, says nothing about the point and ends the job.
+#: Errors that mean that a run's physics cannot be computed: the point has failed. Any other error, such as a
+#: full disk or too little memory, says nothing about the point and ends the job.
 PHYSICS_ERRORS = (ArithmeticError, RuntimeError, ValueError, pybullet.error)
 #: Numbers of a robot's model that a run changes, each with its new value.
 Numbers = tuple[tuple[Number, float], ...]
@@ -39,31 +36,31 @@ Numbers = tuple[tuple[Number, float], ...]
 
 @dataclass(frozen=True)
 class Conditions:
-    """Conditions of a design point in addition to its reference motion.
+    """Conditions of a design point, apart from its reference motion.
 
     Attributes
     ----------
     wear : tuple of float
-        Level f of eq. (17) of each wearing joint, in the order of `RobotModel.wear_joints`; shorter is filled
-        with 0 [-].
+        Wear index f of eq. (17) of each wearing joint [-], in the order of `RobotModel.wear_joints`; joints
+        beyond its end have no wear.
     temperature : float
         Of all joints [deg C].
     payload_mass_error : float
-        Error of the declared mass relative to the correct one [-]: the robot carries
-        ``declared / (1 + error)``, the controller believes in the declared payload.
+        Error of the declared mass relative to the true mass [-]: the robot carries
+        ``declared / (1 + error)``, and the controller uses the declared payload.
     numbers : tuple of (Number, float)
-        Numbers of the robot that are others than its model states. The controller believes in the model, and
-        knows those of `wearscope.robots.numbers.KNOWN`.
+        Numbers of the robot whose true value differs from its model. The controller uses the model's value,
+        except for the numbers of `wearscope.robots.numbers.KNOWN`, whose true value it knows.
     """
 
     wear: tuple[float, ...] = ()
     temperature: float = 50.0
     payload_mass_error: float = 0.0
-    numbers: tuple[tuple[Number, float], ...] = ()
+    numbers: Numbers = ()
 
 
 def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Conditions:
-    """Conditions of natural factor levels.
+    """Return the conditions that natural factor levels describe.
 
     Parameters
     ----------
@@ -71,13 +68,13 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
         Natural level by factor, in the order of the factors: the k-th wear factor is the wear of the k-th
         wearing joint. Temperature in deg C, payload mass error in % of the correct mass.
     kinds : mapping of str to str
-        Kind by factor: wear, temperature, payload_mass_error, or the path of a number of the robot; dwell and
-        a detector's numbers are not looked at.
+        Kind by factor: wear, temperature, payload_mass_error, or the path of a number of the robot. Dwell and
+        a detector's numbers are ignored: they do not act through the conditions.
 
     Raises
     ------
     InputError
-        Where a kind is not known.
+        Where a kind is unknown.
     """
     wear, temperature, error = [], 50.0, 0.0
     numbers = []
@@ -101,7 +98,7 @@ def make_conditions(levels: Mapping[str, float], kinds: Mapping[str, str]) -> Co
 
 
 def _keep(kept: dict, key: object, value: T) -> T:
-    """Keep a value; where there are too many, the oldest goes."""
+    """Store a value and return it; beyond `KEPT` values the oldest is dropped."""
     kept[key] = value
     if len(kept) > KEPT:
         del kept[next(iter(kept))]
@@ -110,7 +107,7 @@ def _keep(kept: dict, key: object, value: T) -> T:
 
 @dataclass(frozen=True)
 class Machine:
-    """A robot as it is, and what its controller believes.
+    """The true robot of one point, with the payload that its model declares.
 
     Attributes
     ----------
@@ -126,7 +123,7 @@ class Machine:
 
 
 class Simulator:
-    """A robot with its controller, ready to run design points; use as a context manager.
+    """A robot with its controller that runs design points; use it as a context manager.
 
     Parameters
     ----------
@@ -137,7 +134,7 @@ class Simulator:
 
     Notes
     -----
-    PyBullet's robot is built anew for each run, so that a run's bytes do not depend on what ran before it.
+    PyBullet's robot is built anew for each run, so that a recording does not depend on the runs before it.
     """
 
     def __init__(self, model: RobotModel, sample_rate: float | None = None) -> None:
@@ -157,13 +154,13 @@ class Simulator:
         self.world.close()
 
     def renew_world(self) -> None:
-        """Take a new PyBullet client after a run that broke off."""
+        """Replace the PyBullet client after a run that ended in an error."""
         self.world.close()
         self.world = World()
 
     def _law(self, reference: Reference, numbers: Numbers = ()) -> tuple[Law, float]:
-        """Controller along a reference, and the step [s]."""
-        # Points that share a dwell share their reference, whose torque costs as much as a tenth of a run.
+        """Return the controller along a reference, and the step [s]."""
+        # Points of equal dwell share their reference. Its feed-forward costs a tenth of a run, so it is kept.
         known = tuple(one for one in numbers if one[0].is_known)
         kept = self._laws.get((id(reference), known))
         if kept is None:
@@ -183,21 +180,24 @@ class Simulator:
         return kept[1:]
 
     def rate(self, machine: Machine, numbers: Numbers, dt: float) -> float:
-        """Samples a second [Hz]; samples are a whole number of steps apart unless a factor sets the rate."""
+        """Return the sample rate [Hz].
+
+        Unless a factor sets the rate, the sampling interval must be a whole number of steps.
+        """
         if any(number.path == SAMPLE_RATE for number, _ in numbers):
             return machine.model.sensors.sample_rate
         find_stride(dt, self.sample_rate)
         return self.sample_rate
 
     def machine(self, numbers: Numbers) -> Machine:
-        """The robot as it is with other numbers than its model's."""
+        """Return the true robot: that of the model, with the given numbers changed."""
         if not numbers:
             return Machine(self.model, self.plant, self.declared)
         model = set_numbers(self.model, numbers)
         return Machine(model, build_plant(model), model.rigid_body(model.declared_payload))
 
     def body(self, payload_mass_error: float, machine: Machine | None = None) -> RigidBody:
-        """Bodies with the true payload."""
+        """Return the bodies with the true payload, whose mass is ``declared / (1 + payload_mass_error)``."""
         machine = machine or self.machine(())
         payload = machine.model.declared_payload
         if payload_mass_error == 0.0 or payload is None:
@@ -216,7 +216,7 @@ class Simulator:
         return body
 
     def wear(self, levels: Sequence[float]) -> Array:
-        """Wear (n,) of all joints from the levels of the wearing joints."""
+        """Return the wear (n,) of all joints from the levels of the wearing joints."""
         joints = self.model.wear_joints
         if len(levels) > len(joints):
             raise InputError(
@@ -239,18 +239,18 @@ class Simulator:
         Parameters
         ----------
         reference : Reference
-            One sample a step.
+            One sample for each step.
         conditions : Conditions
         seed : int or SeedSequence or None
-            Of the sensor noise, see `wearscope.simulation.sensors.seed_of`; None records without noise.
+            Seed of the sensor noise, see `wearscope.simulation.sensors.seed_of`; None records without noise.
 
         Raises
         ------
         InputError
             Where reference or conditions do not fit the robot.
         SimulationError
-            Where the run fails: see `wearscope.simulation.run.run_motion`; a joint leaves its limits, or what
-            is recorded is not finite.
+            Where the run fails (see `wearscope.simulation.run.run_motion`), a joint leaves its limits, or a
+            recorded value is not finite.
         """
         machine = self.machine(conditions.numbers)
         model, plant = machine.model, machine.plant
@@ -300,6 +300,7 @@ class Simulator:
 
 
 def _check_reference(reference: Reference, model: RobotModel) -> None:
+    """Refuse a reference whose arrays have the wrong shape or are not finite."""
     shape = (len(reference.t), model.n)
     for key in ("q", "v", "a"):
         values = np.asarray(getattr(reference, key))
@@ -327,7 +328,7 @@ def simulate_points(
     points: Iterable[tuple[Reference, Conditions, int | np.random.SeedSequence | None]],
     sample_rate: float | None = None,
 ) -> Iterator[Recording | SimulationError]:
-    """Simulate a chunk of design points, each as `simulate_point` would alone, byte by byte.
+    """Simulate a chunk of design points; each result is byte for byte that of `simulate_point`.
 
     Parameters
     ----------
@@ -339,14 +340,14 @@ def simulate_points(
     Yields
     ------
     Recording or SimulationError
-        In the order of `points`; a run that fails does not end the others.
+        One for each point, in the order of `points`; the points after a failed run are still simulated.
 
     Raises
     ------
     InputError
         Where a point does not fit the robot.
     SelfTestError
-        Where PyBullet cannot be trusted with this robot.
+        Where PyBullet fails its self-test with this robot.
     """
     with Simulator(model, sample_rate) as simulator:
         for reference, conditions, seed in points:
@@ -359,6 +360,7 @@ def _run_or_fail(
     conditions: Conditions,
     seed: int | np.random.SeedSequence | None,
 ) -> Recording | SimulationError:
+    """Run one point; return the error where its physics cannot be computed."""
     try:
         return simulator.run(reference, conditions, seed)
     except (InputError, SelfTestError):
@@ -375,9 +377,9 @@ LONGEST_STEP = 1e-3
 
 
 def refine_reference(reference: Reference, longest: float = LONGEST_STEP) -> Reference:
-    """Reference with whole fractions of its step, none longer than `longest` [s].
+    """Return the reference with its step divided by a whole number, so that it is at most `longest` [s].
 
-    Between two samples the motion is the polynomial of fifth degree that has their positions, speeds and
+    Between two samples the motion is the quintic polynomial through their positions, speeds and
     accelerations.
     """
     dt = find_step(reference.t)
@@ -428,16 +430,16 @@ def simulate_forward(
     reference : Reference
         Motion to follow, e.g. a measured one with its derivatives; evenly sampled.
     declared : RobotModel, optional
-        What the controller knows: its feed-forward and its gains come from it; `model` by default. To compare
-        two models under the same controller, give the same one for both.
+        Model from which the controller's feed-forward and gains are computed; `model` by default. To compare
+        two models under the same controller, give the same `declared` for both.
     temperature : array (N, n), (n,) or float
-        Of the joints [deg C]; (N, n) goes with the reference. NaN needs a model without effects of
-        temperature.
+        Joint temperature [deg C]; (N, n) has one row for each sample of the reference. It may be NaN only
+        where no effect of the model depends on temperature.
     controller_temperature : array (n,) or float
-        That the controller assumes [deg C].
+        Joint temperature that the controller assumes [deg C].
     feedforward : array (N, n), optional
-        Motor torque at the reference's samples to feed forward instead of what `declared` needs, e.g. a
-        measured one; the motion then shows what the model lacks.
+        Motor torque at the reference's samples to feed forward instead of that of `declared`, e.g. a measured
+        torque; the deviation from the reference then shows what the model lacks.
 
     Returns
     -------
@@ -477,11 +479,12 @@ def trace_forward(
     by_effect: bool = False,
     feedback: bool = True,
 ) -> tuple[Trace, float]:
-    """As `simulate_forward`, before the sensors: the run at every step, and the step [s].
+    """Simulate as `simulate_forward` does, and return the run before the sensors, and its step [s].
 
-    The wear (N, n), (n,) or a number goes with the reference, as the temperature does, whose step is divided
-    until it is no longer than `longest_step` [s]. With `by_effect` the trace also tells what the torque for
-    PyBullet is made of. Without `feedback` the motors give the torque fed forward and nothing else.
+    The step is that of the reference, divided by a whole number until it is at most `longest_step` [s]. The
+    wear is (N, n) with one row for each sample of the reference, (n,) or a number. With `by_effect` the trace
+    also splits the torque for PyBullet into its parts. Without `feedback` the motors give only the torque fed
+    forward.
     """
     declared = model if declared is None else declared
     if declared.joints != model.joints:

@@ -1,4 +1,4 @@
-"""A plant's torque terms packed for the compiled step."""
+"""Torque terms of a plant's effects, packed into arrays for the compiled step."""
 
 from collections import namedtuple
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from wearscope.effects.base import Plant, Term
 from wearscope.effects.rows import hold_rows
 from wearscope.simulation.arrays import INNER
 
-#: Difference of speed over which a slope is measured.
+#: Difference of speed [rad/s or m/s] over which the slope of a torque is measured.
 PROBE = 1e-7
 
 
@@ -27,13 +27,16 @@ class Terms(
         Number of coefficients of each term.
     coefficients, shape : ndarray (m, widest)
     state, next_state : ndarray (m, most states)
-        Memory of the terms, and what it becomes.
+        Internal states of the terms, and their values after the step.
     remembers : ndarray of bool (m,)
+        Whether a term has internal states.
     coupled : ndarray of bool (n,)
         Whether a term of the joint depends on the motion of another joint.
     loaded : ndarray of bool (n,)
-        Whether one depends on the load of the joint's links, by which all joints' accelerations move it.
+        Whether a term of the joint depends on the load of its links. The load, and so the torque, changes
+        with the accelerations of all joints.
     out : ndarray (widest,)
+        Scratch memory for the regressor row of one term.
     """
 
 
@@ -41,7 +44,7 @@ class Terms(
 def _find_dependence(
     row: Callable, joint: int, n: int, width: int, shape: tuple[float, ...], n_states: int
 ) -> tuple[bool, bool]:
-    """Whether a term depends on the motion of other joints, and whether it depends on the load."""
+    """Return whether a term depends on the motion of other joints, and whether it depends on the load."""
     state, fixed = np.zeros(max(n_states, 1)), np.full(n, 0.7)
 
     def ask(others: float, load: float) -> np.ndarray:
@@ -59,12 +62,12 @@ def _find_dependence(
 
 
 def order_terms(plant: Plant) -> list[Term]:
-    """A plant's terms in the order of their joints."""
+    """Return the terms of a plant sorted by joint."""
     return sorted(plant.terms, key=lambda term: term.joint)
 
 
 def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
-    """Rows and numbers of a plant's terms.
+    """Pack the terms of a plant.
 
     Parameters
     ----------
@@ -72,7 +75,8 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
 
     Returns
     -------
-    rows : typed.List of compiled row (m,)
+    rows : typed.List (m,)
+        Compiled function of each term, which computes its regressor row.
     Terms
     """
     ordered = order_terms(plant)
@@ -105,7 +109,7 @@ def pack_terms(plant: Plant) -> tuple[typed.List, Terms]:
 
 @njit(cache=True, **INNER)
 def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
-    """Torque of term `i` at joint `j`; its memory goes to `after`."""
+    """Return the torque of term `i` at joint `j`; write its internal states after the step to `after`."""
     sign, q, y, a, load = motion
     row(
         j, t, dt, sign, q, y, a, load, temperature, wear,
@@ -121,9 +125,10 @@ def _evaluate(row, terms, i, after, j, t, dt, motion, temperature, wear):
 def _probe_slopes(
     row, terms, i, here, mode, speed_before, jacobian, inertia, j, t, dt, motion, temperature, wear
 ):  # fmt: skip
-    """Add the slopes of a term's torque against the speeds that it may depend on.
+    """Add to `jacobian` the slopes of a term's torque against the speeds that it may depend on.
 
-    The load moves with the accelerations by `inertia` (n, n), that of the links in front of rigid gears.
+    `inertia` (n, n) tells how the load of a joint follows the accelerations; it is that of the links behind
+    rigid gears, and 0 elsewhere.
     """
     load, moves_load = motion.load[j], terms.loaded[j] and inertia[j, j] > 0.0
     for other in range(len(mode)):
@@ -143,27 +148,28 @@ def _probe_slopes(
 def evaluate_terms(
     rows, terms, mode, speed_before, slope, jacobian, inertia, motion, low, high, t, dt, temperature, wear
 ):
-    """Torque of the effects at each motor, and its slopes where they are asked for.
+    """Compute the torque of the effects at each motor, and its slopes against speed where they are needed.
 
     Parameters
     ----------
     rows, terms
-        As `pack_terms` gives them; ``terms.next_state`` receives the memory after the step.
+        From `pack_terms`; ``terms.next_state`` receives the internal states after the step.
     mode : ndarray of int (n,)
-        Direction of motion; 0 asks for the torque on both sides of rest.
+        Direction of motion; at 0 (rest) the torque is computed just below and just above zero speed.
     speed_before : ndarray (n,)
         Motor speed at the step's start, to which accelerations refer.
     slope : ndarray (n,)
-        NaN asks for the slope of a moving joint's torque against its own speed; so does a coupled joint.
+        Slope of each joint's torque against its own speed. It is measured where it is NaN, and always at a
+        coupled joint.
     jacobian : ndarray (n, n)
-        Receives the slopes of coupled joints' torques against the others' speeds.
+        Receives the slopes of coupled joints' torques against the speeds of the other joints.
     inertia : ndarray (n, n)
-        By which accelerations move the loads; zero where slopes are not to hold that.
+        Change of each joint's load with each joint's acceleration; 0 where the slopes are to neglect it.
     motion : Motion
     low, high : ndarray (n,)
-        Receive the torque; both sides of rest for a joint at rest.
+        Receive the torque: equal for a moving joint, the two ends of its range for a joint at rest.
     t, dt : float
-        Time, and that since the memory's [s].
+        Time, and the time since that of the internal states [s].
     temperature, wear : ndarray (n,)
     """
     n = len(mode)
@@ -211,8 +217,8 @@ def evaluate_terms(
 def share_out(rows, terms, mode, motion, need, shares, weight, t, dt, temperature, wear):
     """Add the torque of each term, times a weight, to `shares` (m,).
 
-    A motor at rest needs less than friction could give: each term then gives the same share of its largest
-    torque.
+    At a motor at rest the terms' sum is the torque that holds it. Each term then lies at the same fraction of
+    its range between the torques below and above rest.
     """
     below, above = np.zeros(len(mode)), np.zeros(len(mode))
     lowest = np.zeros(len(shares))
@@ -238,7 +244,7 @@ def share_out(rows, terms, mode, motion, need, shares, weight, t, dt, temperatur
 
 @njit(**INNER)
 def remember(rows, terms, motion, t, dt, temperature, wear):
-    """Carry the terms' memory on by `dt` [s] of a motion."""
+    """Advance the internal states of the terms by `dt` [s]."""
     for i in range(len(terms.joint)):
         if not terms.remembers[i]:
             continue

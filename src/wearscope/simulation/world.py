@@ -1,4 +1,4 @@
-"""The PyBullet world: a robot with everything off that is not rigid-body dynamics, and the proof of it."""
+"""The PyBullet world: a robot with all but rigid-body dynamics switched off, and a self-test of that."""
 
 import os
 import sys
@@ -13,15 +13,16 @@ from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.spatial import Array
 from wearscope.simulation.chain import write_plant_urdf
 
+#: Beginning of the line that PyBullet prints when it is imported.
 BANNER = b"pybullet build time:"
 
 
 @contextmanager
 def drop_banner() -> Iterator[None]:
-    """Hold back what is written to standard error, also by C code, and pass on all but PyBullet's banner.
+    """Catch the output to standard error, also of C code, and then print all of it but PyBullet's banner.
 
-    What was held back is passed on too where the body raises. Without a standard error, or room for a
-    temporary file, nothing is held back.
+    The output is printed also where the body raises. Without a standard error or a temporary file, nothing is
+    caught.
     """
     try:
         held = tempfile.TemporaryFile()
@@ -53,7 +54,7 @@ with drop_banner():
     import pybullet
 
 
-#: Faster than any joint: PyBullet clips joint speeds at 100 rad/s by default.
+#: Speed limit for PyBullet [rad/s or m/s], above that of any joint; by default it clips speeds at 100 rad/s.
 MAX_JOINT_VELOCITY = 1e6
 #: Largest relative difference between the applied torque and inverse dynamics in the self-test.
 SELF_TEST_TOLERANCE = 1e-9
@@ -69,7 +70,7 @@ class World:
         self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise SimulationError("PyBullet gives no further client; close worlds that are no longer used.")
-        # Nothing collides: the plain list of bodies costs a sixth less a step than the tree of boxes.
+        # Nothing collides: with a plain list of bodies a step takes a sixth less time than with a box tree.
         pybullet.resetSimulation(pybullet.RESET_USE_SIMPLE_BROADPHASE, physicsClientId=self.client)
         self.body = -1
 
@@ -80,14 +81,14 @@ class World:
         self.close()
 
     def load(self, urdf_text: str, joints: Sequence[str], gravity: Sequence[float], dt: float) -> None:
-        """Build the robot anew, so that no run sees what an earlier one left.
+        """Build the robot anew, so that a run does not depend on the runs before it.
 
         Parameters
         ----------
         urdf_text : str
-            Normalised URDF, the payload on its last link.
+            Normalised URDF with the payload on its last link.
         joints : sequence of str (n,)
-            Order of every array.
+            Joints in the order of every array.
         gravity : sequence of 3 float
             [m/s^2]
         dt : float
@@ -132,7 +133,7 @@ class World:
                 maxJointVelocity=MAX_JOINT_VELOCITY,
                 physicsClientId=c,
             )
-        # Every joint starts with a velocity motor that holds it.
+        # PyBullet gives every joint a velocity motor that brakes it; a force limit of 0 switches it off.
         pybullet.setJointMotorControlArray(
             self.body,
             self.indices,
@@ -157,32 +158,32 @@ class World:
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
     def advance(self, torques: Array) -> None:
-        """Apply joint torques (K, n), one row a step."""
+        """Take K steps, each with one row of the joint torques (K, n)."""
         body, indices, mode, client = self.body, self.indices, pybullet.TORQUE_CONTROL, self.client
         apply, step = pybullet.setJointMotorControlArray, pybullet.stepSimulation
         for row in zip(*torques.T.tolist(), strict=True):
-            # Positions, speeds, forces and gains: torque control reads the forces alone, and to name them
-            # would take a quarter of the call.
+            # The arguments are positions, speeds, forces and gains; torque control reads the forces alone.
+            # Keyword arguments would take a quarter more time.
             apply(body, indices, mode, row, row, row, row, row, client)
             step(client)
 
     def close(self) -> None:
-        """End the client."""
+        """Disconnect the PyBullet client."""
         if self.client >= 0:
             pybullet.disconnect(physicsClientId=self.client)
             self.client = -1
 
 
 def prove_world(world: World, body: RigidBody, dt: float) -> float:
-    """Show that PyBullet adds nothing to rigid-body dynamics.
+    """Test that PyBullet adds nothing to rigid-body dynamics.
 
-    The torque applied at random states must equal Pinocchio's inverse dynamics of the acceleration that
-    PyBullet's forward difference of speed has.
+    A torque is applied at random states. It must equal Pinocchio's inverse dynamics at the acceleration that
+    the change of PyBullet's speed over one step gives.
 
     Parameters
     ----------
     world : World
-        Is left with the robot loaded.
+        The robot stays loaded in it.
     body : RigidBody
         With its payload.
     dt : float
