@@ -1,4 +1,4 @@
-"""Refusals by inference, and how a data set overrules them.
+"""Refusals of data that merely look wrong (refusals by inference), and how a data set overrules them.
 
 What cannot be right in any reading (a NaN, a missing column, time that runs backwards) is refused for good.
 What merely looks wrong (units, signs, exchanged channels, gains, copies) is refused with a short code, and
@@ -14,7 +14,7 @@ import yaml
 
 from wearscope.errors import InputError
 
-#: Codes that take one column each, by the column's kind.
+#: Codes about one column: what looks wrong, and the column's name without the joint.
 _BY_COLUMN = (
     "degrees q",
     "mm q",
@@ -80,7 +80,7 @@ class Acceptance:
     entries : tuple of str
         Codes, as `list_codes` words them.
     used : set of str
-        Those that a refusal has asked for.
+        Entries that have overruled a refusal.
     """
 
     entries: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ class Acceptance:
     def read(
         cls, where: str, entries: Sequence[str], joints: Sequence[str], files: Sequence[str]
     ) -> "Acceptance":
-        """Entries of the field `accept`.
+        """Check the entries of the field `accept`.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Acceptance:
         return cls(taken)
 
     def refuse(self, where: str, told: str, *codes: str) -> str:
-        """Refuse by inference, unless every code is accepted; then the note to keep.
+        """Refuse by inference, unless every code is accepted; return then a note that says so.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Acceptance:
         Raises
         ------
         InputError
-            With the line that overrules it.
+            With the `accept` line that overrules it.
         """
         if self.accepts(*codes):
             self.used.update(codes)
@@ -143,7 +143,7 @@ class Acceptance:
         return set(codes) <= set(self.entries)
 
     def list_unused(self) -> list[str]:
-        """Notes on entries that no refusal has asked for."""
+        """Notes on entries that have overruled nothing."""
         return [
             f"accept: '{entry}' overrules nothing in these data and can be left out."
             for entry in self.entries

@@ -1,7 +1,7 @@
 """Recording faults that no machine makes: spikes, steps of the encoder, frozen torque.
 
-What can be corrected without guessing is corrected, kept out of all fits and said in a note; a position
-channel that steps in the middle of a run is refused, since either half may be the wrong one.
+Faults that need no guess are corrected; their samples are left out of all fits, and a note reports them. A
+position channel that steps in the middle of a run is refused, since either part may be the wrong one.
 """
 
 from dataclasses import dataclass, replace
@@ -13,9 +13,10 @@ from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.recording import LEAST_CHANGES, Run, estimate_quantum
 from wearscope.errors import InputError
 
-#: A change is a fault where it exceeds this multiple of the run's own percentile of changes ...
+#: A change from sample to sample is a fault where it exceeds this multiple of this percentile of the run's
+#: changes ...
 _ODD, _USUAL = 10.0, 98.0
-#: ... and also this share of the largest speed, or of the torque's span.
+#: ... and also this share of the largest speed (for a position) or of the torque's span (for a torque).
 _OF_SPEED, _OF_SPAN = 0.25, 0.5
 #: Widest spike [samples].
 LONGEST_SPIKE = 4
@@ -31,13 +32,13 @@ _ABRUPT = 0.75
 _SLIDES = 6
 #: Largest share of a channel's rows in which spikes are still bridged.
 _MOST = 0.01
-#: A torque is frozen where one value lasts this many times the 95th percentile of its constant stretches, if
-#: there are at least so many of these.
+#: Where a torque has more than the second number of constant stretches, a frozen one lasts at least the first
+#: number times their 95th percentile.
 _LONG, _MANY = 4.0, 20
-#: Share of a run over which a frozen or faulty torque is a dead channel, of which nothing counts.
+#: A torque that is frozen or faulty in more than this share of a run is a dead channel; none of it counts.
 MOST_FROZEN = 0.8
-#: Steps within which a channel's difference is an error of its reading; largest usual range of a joint at
-#: rest, as a share of its reach and in encoder steps.
+#: Position differences up to this many encoder steps are reading errors. A joint rests where its usual range
+#: is at most this share of its reach, or at most this many encoder steps.
 QUANTA, _RESTING, _RESTING_QUANTA = 5.0, 2e-3, 10.0
 
 
@@ -48,9 +49,9 @@ class Cleaned:
     Attributes
     ----------
     run : Run
-        Uniformly sampled, cut to the part that holds.
+        Uniformly sampled, without the rows beyond a step of a position.
     faulty : ndarray (N, n) of bool
-        Samples of joints that were corrected or are not measurements, and must not count.
+        Samples, by joint, that were corrected or are no measurements; they must not count.
     notes : list of str
     """
 
@@ -60,7 +61,10 @@ class Cleaned:
 
 
 def find_stretches(marked: np.ndarray, apart: int = 1) -> list[tuple[int, int]]:
-    """First and last index of stretches of marked samples (N,), joined where at most `apart` apart."""
+    """First and last index of each stretch of marked samples (N,).
+
+    Marked samples belong to one stretch where they are at most `apart` samples apart.
+    """
     at = np.flatnonzero(marked)
     if not len(at):
         return []
@@ -81,14 +85,14 @@ def _least_odd(q: np.ndarray, quantum: float, reach: float) -> float:
 
 
 def _depart(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Deviation of each difference (N-1,) of a position from its neighbours, and their value (N-1,)."""
+    """Deviation (N-1,) of each position difference from the running median, and that median (N-1,)."""
     step = np.diff(q)
     around = ndimage.median_filter(step, 11, mode="nearest")
     return step - around, around
 
 
 def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
-    """Deviation (N-1,) of each difference of a position (N,) from its neighbours; 0 where it is no fault."""
+    """Deviation (N-1,) of faulty differences of a position (N,) from the running median; 0 elsewhere."""
     step = np.diff(q)
     sizes = np.abs(step[step != 0.0])
     resolution = float(sizes.min()) if len(sizes) >= LEAST_CHANGES else 0.0
@@ -103,7 +107,7 @@ def _odd_steps(q: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
-    """Whether odd differences begin or end abruptly; those of a quick move in a slow recording do not."""
+    """Whether faulty differences begin or end abruptly, unlike a quick move in a slow recording."""
     step = np.diff(q)
     before, after = step[max(low - 1, 0)], step[min(high + 1, len(step) - 1)]
     edge = max(abs(step[low] - before), abs(step[high] - after))
@@ -111,21 +115,21 @@ def _is_abrupt(q: np.ndarray, odd: np.ndarray, low: int, high: int) -> bool:
 
 
 def _comes_back(q: np.ndarray, net: float, low: int, high: int) -> bool:
-    """Whether a position returns next to odd differences, as after a push; after a lost count it does not."""
+    """Whether a position returns right before or after faulty differences: a push does, a lost count not."""
     rest, _ = _depart(q)
     around = rest[max(low - LONGEST_SPIKE, 0) : low], rest[high + 1 : high + 1 + LONGEST_SPIKE]
     return any(abs(net + float(part.sum())) < 0.5 * abs(net) for part in around)
 
 
 def _breaks_away(q: np.ndarray, net: float, low: int, high: int) -> bool:
-    """Whether a joint that rested moves on after odd differences: it broke away, and no count was lost."""
+    """Whether a joint at rest moves on after faulty differences: it broke away, and no count was lost."""
     before = q[low] - q[max(low - _SLIDES, 0)]
     after = q[min(high + 1 + _SLIDES, len(q) - 1)] - q[high + 1]
     return bool(abs(before) < 0.1 * abs(net) and after * np.sign(net) > 0.2 * abs(net))
 
 
 def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool:
-    """Whether the recorded speed says that joint `j` moved as far in odd differences."""
+    """Whether the recorded speed confirms that joint `j` moved as far as the faulty differences say."""
     if run.qd is None:
         return False
     at = slice(low, high + 2)
@@ -135,7 +139,7 @@ def _is_recorded(run: Run, odd: np.ndarray, j: int, low: int, high: int) -> bool
 
 
 def _returns(net: float, nets: np.ndarray) -> bool:
-    """Whether one of a run's steps `nets` goes back by about the step `net`, as in a gear's lost motion."""
+    """Whether one of the run's steps `nets` undoes at least half of `net`, as with a gear's lost motion."""
     return bool((-np.sign(net) * nets >= 0.5 * abs(net)).any())
 
 
@@ -151,7 +155,7 @@ def _bridge(x: np.ndarray, first: int, last: int) -> None:
 
 @dataclass
 class _Position:
-    """What was found in one position channel: rows that hold, corrected places, notes."""
+    """Faults of one position channel: its good rows, `first` to before `after`, and how many are bridged."""
 
     first: int
     after: int
@@ -175,7 +179,7 @@ class _Position:
 def _clean_position(
     run: Run, j: int, joint: str, floor: float, where: str, accepted: Acceptance
 ) -> tuple[_Position, np.ndarray, list[str]]:
-    """Correct a position in place; return what was found, the rows (N,) that do not count, and notes."""
+    """Correct a position in place; return its faults, a mask (N,) of rows that do not count, and notes."""
     q, t = run.q[:, j], run.t
     as_recorded = q.copy()
     found, faulty, notes = _Position(0, len(q)), np.zeros(len(q), dtype=bool), []
@@ -219,7 +223,7 @@ def _clean_position(
 def _clean_torque(
     run: Run, j: int, joint: str, where: str, accepted: Acceptance
 ) -> tuple[np.ndarray, list[str]]:
-    """Bridge spikes of a torque in place; rows (N,) that do not count, and notes."""
+    """Bridge spikes of a torque in place; return a mask (N,) of rows that do not count, and notes."""
     spiky = _bridge_spikes(run.tau[:, j])
     off = np.zeros(len(run.t), dtype=bool) if run.off is None else run.off[:, j]
     notes: list[str] = []
@@ -247,7 +251,7 @@ def _clean_torque(
 
 
 def _bridge_spikes(tau: np.ndarray) -> np.ndarray:
-    """Spikes (N,) of a torque, bridged in place."""
+    """Bridge the spikes of a torque (N,) in place; return a mask (N,) of them."""
     odd = np.abs(tau - ndimage.median_filter(tau, 2 * LONGEST_SPIKE + 1, mode="nearest"))
     span = float(np.ptp(np.percentile(tau, [1, 99])))
     spiky = odd > max(_ODD * float(np.percentile(odd, _USUAL)), _OF_SPAN * span, 1e-12)
@@ -267,7 +271,7 @@ def _find_frozen(run: Run, j: int) -> np.ndarray:
     frozen = np.zeros(len(tau), dtype=bool)
     stretches = find_stretches(np.diff(tau) == 0.0)
     if len(stretches) > _MANY:
-        # A coarse torque keeps a count for a while.
+        # A coarsely quantised torque keeps one value for several samples without being frozen.
         usual = float(np.percentile([high + 1 - low for low, high in stretches], 95))
         shortest = max(shortest, int(_LONG * usual))
     for low, high in stretches:
@@ -287,7 +291,7 @@ def clean_run(
     reach: np.ndarray | None = None,
     accepted: Acceptance | None = None,
 ) -> Cleaned:
-    """Correct what can be corrected of a run.
+    """Bridge spikes of a run, cut off steps near its ends, and mark the samples that must not count.
 
     Parameters
     ----------

@@ -9,20 +9,20 @@ from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.table_files import LEAST_ROWS, LEAST_TIME
 from wearscope.errors import InputError
 
-#: Largest relative difference of the mean or median step from the stated one. Up to the second value the
-#: recording is resampled to the stated rate, with a note.
+#: Relative difference of the time step from the stated one: up to the first value it is ignored; up to the
+#: second the recording is resampled to the stated rate, with a note; a larger one is refused.
 _OFF, _FAR_OFF = 0.02, 0.15
-#: Samples are lost where a step is this multiple of the longer of median and stated step. Where more samples
-#: than this are lost, there is a gap, which splits the run.
+#: Samples are lost where a time step exceeds this multiple of the usual one, which is the longer of median
+#: and stated step. Where more samples than the second number are lost at once, the gap splits the run.
 _LOSS, _MOST_LOST = 1.6, 5
-#: A gap up to this [s] is bridged however many samples it has: no filter of a motion is as fast.
+#: A gap up to this [s] is bridged however many samples it lacks, since the motion filter is slower.
 _BRIDGED = 0.02
 #: A clock that stands still in more than this share of its steps is a coarse one.
 _MOST_REPEATED = 0.1
 #: A longer gap [s] is no pause: the clock was set, as when a robot without its own clock finds the network's
 #: time.
 _LONGEST_PAUSE = 7 * 86400.0
-#: Units of time that recorders write, over a second.
+#: Other time units that recorders write, and how many of each are a second.
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
@@ -41,8 +41,8 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> list[str]:
     Raises
     ------
     InputError
-        Where there are too few rows, time does not increase, or neither the mean nor the median of the steps
-        that lose no sample is the stated one.
+        Where there are too few rows, time does not increase, or both the mean and the median time step
+        (without steps that lose samples) differ from the stated one.
     """
     if len(t) < LEAST_ROWS:
         raise InputError(
@@ -84,7 +84,7 @@ def check_clock(where: str, t: np.ndarray, rate: float) -> list[str]:
 
 
 def _find_losses(t: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows before which samples are lost, and how many (float)."""
+    """Last row before each loss of samples, and how many samples are lost there (not rounded)."""
     steps = np.diff(t)
     usual = max(float(np.median(steps)), 1.0 / rate)
     before = np.flatnonzero(steps > _LOSS * usual)
@@ -94,13 +94,14 @@ def _find_losses(t: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
 def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[str]]:
     """Pieces of a run between its gaps, with notes.
 
-    A few lost samples are left to interpolation and kept in `Run.losses`; what is too short between two gaps
-    is dropped. Where a clock was set, which no pause explains, its time goes on as before.
+    A few lost samples do not split the run; `Run.losses` keeps their times, and `resample` interpolates them.
+    A piece that is too short is dropped. A jump longer than any pause means that the clock was set; it is
+    taken out of the time.
 
     Raises
     ------
     InputError
-        Where nothing long enough is left.
+        Where no piece is long enough.
     """
     before, lost = _find_losses(run.t, rate)
     most = max(_MOST_LOST + 0.5, _BRIDGED * rate)
@@ -174,7 +175,7 @@ def resample(run: Run, rate: float) -> Run:
 
 
 def mark_losses(run: Run) -> np.ndarray:
-    """Samples (N,) of a uniform run that lie within a loss."""
+    """Mask (N,) of the samples of a uniform run that are interpolated over lost ones."""
     marked = np.zeros(len(run.t), dtype=bool)
     for start, stop in run.losses:
         marked |= (run.t > start + 1e-9) & (run.t < stop - 1e-9)

@@ -59,18 +59,18 @@ def list_named(content: Mapping[str, Any]) -> list[str]:
 
 
 def digest_dataset(folder: Path, content: Mapping[str, Any]) -> str:
-    """SHA-256 that tells a data set from every other: of ``dataset.yaml`` and each file that it names.
+    """SHA-256 of a data set: of ``dataset.yaml`` and of each file that it names.
 
     Parameters
     ----------
     folder : Path
     content : mapping
-        Of ``dataset.yaml``.
+        Content of ``dataset.yaml``.
 
     Returns
     -------
     str
-        Of the lines ``SHA-256  name``, sorted by name; files that are not there have none.
+        SHA-256 of the lines ``<SHA-256 of the file>  <name>``, sorted by name; a missing file has no line.
     """
     lines = []
     for name in sorted({"dataset.yaml", *list_named(content)}):

@@ -1,8 +1,8 @@
-"""A measured data set: one folder in the form of the measured-data contract, read and refused.
+"""Reads a measured data set from its folder, and refuses one that breaks the format.
 
-What a folder says is checked here against itself (fields, columns, rows, rates); what its signals say about
-units, sides and signs is checked in `wearscope.closed_loop.intake.plausibility`. Every recording is read once
-for these checks and let go; `RunRecord.load` reads it again when it is needed.
+This module checks fields, columns, rows and rates against each other. What the signals say about units,
+torque side and signs is checked in `wearscope.closed_loop.intake.plausibility`. Every recording is read once
+for these checks and not kept; `RunRecord.load` reads it again when it is needed.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from wearscope.closed_loop.intake.servo import merge_notes, take_torques
 from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_joints
 from wearscope.errors import InputError
 
-#: Temperatures of a machine [deg C].
+#: Lowest and highest believable temperature of a machine [deg C].
 _COLDEST, _HOTTEST = -60.0, 250.0
 
 
@@ -45,13 +45,13 @@ class RunRecord:
     payload : PayloadFields or None
     session : str or None
     reach, quantum : ndarray (n,)
-        Span of each joint's position, and the step of its encoder; 0 where that does not show.
+        Span of each joint's position and step of its encoder [rad or m]; a step of 0 is unknown.
     load : callable
-        Reads the recording: one `Run`, before its gaps split it.
+        Reads the recording as one `Run`, not split at its gaps.
     recorded : tuple of (float, float)
-        Times since the first row between which something is recorded: the pieces that its gaps leave.
+        Start and end of each piece between gaps [s since the first row].
     stretches : tuple of (float, float) or None
-        Times since the first row between which it is used; all of it where None.
+        Start and end of each part that is used [s since the first row]; all of it where None.
     """
 
     file: str
@@ -66,7 +66,7 @@ class RunRecord:
 
     @property
     def seconds(self) -> float:
-        """Time that is recorded, without gaps."""
+        """Recorded time [s], without gaps."""
         return sum(stop - start for start, stop in self.recorded)
 
 
@@ -85,9 +85,9 @@ class Dataset:
     accepted : Acceptance
         Refusals by inference that the data set overrules.
     notes : list of str
-        What a reader should know and that is no breach.
+        Remarks for the reader; none of them refuses the data.
     digest : str
-        Of its files, see `digest_dataset`.
+        SHA-256 of its files, see `digest_dataset`.
     delays : tuple of float
         Time [s] by which each torque channel was moved, as its declared delay; empty where none was.
     """
@@ -211,7 +211,7 @@ def _read_records(
 
 
 def _check_torques(folder: Path, signatures: list[Signature], fields: DatasetFields) -> None:
-    """Refuse a torque that is constant in every train run, of a joint that moves in one."""
+    """Refuse a torque that is constant in every train run although its joint moves in one of them."""
     train = [s.spread for s, entry in zip(signatures, fields.runs, strict=True) if entry.use == "train"]
     largest = np.max(train, axis=0)
     readings = fields.readings()

@@ -143,22 +143,20 @@ def _refuse_typos(fields: BaseModel, where: str, notes: list[str]) -> None:
 
 
 def list_breaches(path: Path) -> list[str]:
-    """Every field of a `dataset.yaml` that is wrong by itself, a sentence each.
+    """One sentence for each field of a `dataset.yaml` that is wrong by itself.
 
     Raises
     ------
     InputError
-        Where the file cannot be read.
+        Where the file cannot be read, or holds no fields.
     """
-    content = load_yaml(path)
-    if not isinstance(content, dict):
-        return [f"{path}: holds no fields; write them as 'field: value'."]
+    content = load_fields(path)
     try:
         DatasetFields.model_validate(content)
     except ValidationError as error:
         found: dict[tuple[str, ...], str] = {}
         for one in error.errors():
-            # Where a field may be of two kinds, the error is that of the first kind.
+            # A field that allows two types has an error for each; the first one is kept.
             place = tuple(str(part) for part in one["loc"] if "[" not in str(part))
             found.setdefault(place, str(_explain(path, content, one)))
         return list(dict.fromkeys(found.values()))
@@ -168,7 +166,7 @@ def list_breaches(path: Path) -> list[str]:
 
 
 def _explain(path: Path, content: dict, first: Any) -> InputError:
-    """Sentence about a field that is wrong; a misspelt name of it is looked for at its place."""
+    """Error that names a wrong field; a missing one may stand there misspelt, which is then said."""
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
     siblings: Any = content
@@ -196,35 +194,24 @@ def _explain(path: Path, content: dict, first: Any) -> InputError:
     )
 
 
-def load_yaml(path: Path) -> Any:
-    """Content of a `dataset.yaml`, of plain values only.
+def load_fields(path: Path) -> dict[Any, Any]:
+    """Fields of a `dataset.yaml` as they are written, of plain values only.
 
     Raises
     ------
     InputError
-        Where there is no such file, or it is no YAML.
+        Where there is no such file, it is no YAML, or it holds no fields.
     """
     remedy = "a data set is a folder with a dataset.yaml in it"
     if (other := path.with_suffix(".yml")).is_file():
         remedy = f"rename {other.name} to {path.name}"
     text = read_text(path, remedy)
     try:
-        return load_plain_yaml(text)
+        content = load_plain_yaml(text)
     except yaml.YAMLError as error:
         raise InputError(
             f"{path}: not readable as YAML ({explain_yaml(error)}); correct that line."
         ) from error
-
-
-def load_fields(path: Path) -> dict[Any, Any]:
-    """Fields of a `dataset.yaml` as they are written.
-
-    Raises
-    ------
-    InputError
-        As `load_yaml`, or where it holds no fields.
-    """
-    content = load_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no fields; write them as 'field: value'.")
     return content
@@ -245,7 +232,7 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
     folder_name(fields.name, str(path))
-    # The stated rate is that of the time column as recorded.
+    # `sample_rate` is that of the time column as recorded; times are multiplied by `time_scale`.
     fields.sample_rate /= fields.time_scale
     _refuse_typos(fields, str(path), notes)
     _refuse_typos(fields.robot, f"{path}: robot", notes)

@@ -1,7 +1,7 @@
-"""Direction of motion that changes gradually over a speed, in three usual forms of friction's reversal.
+"""Direction of motion (sign of the speed), smoothed around rest in three usual forms of friction's reversal.
 
-x = v / width; all have the slope 1 at rest and go to 1, ever more slowly: tanh(x), x / sqrt(1 + x^2) and
-2/pi arctan(pi x / 2).
+With x = v / width the forms are tanh(x), x / sqrt(1 + x^2) and 2/pi arctan(pi x / 2). All have the slope 1 at
+rest and tend to 1; each later form tends to it more slowly.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def _arctangent(x: np.ndarray) -> np.ndarray:
 
 
 FORMS: tuple[Callable[[np.ndarray], np.ndarray], ...] = (np.tanh, _algebraic, _arctangent)
-"""Forms by their number."""
+"""Forms of the reversal; their index is their number."""
 _SLOPES: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
     lambda x: 1.0 / np.cosh(np.clip(x, -300.0, 300.0)) ** 2,
     lambda x: (1.0 + x**2) ** -1.5,
@@ -32,15 +32,15 @@ _FAST = 1e4
 
 
 def soften_direction(v: np.ndarray, width: float, sign: np.ndarray, form: int = 0) -> np.ndarray:
-    """Direction of motion (N,) that changes over a speed of `width` in one of the `FORMS`; 0 stays 0."""
+    """Direction of motion (N,), smoothed over the speed `width` in one of `FORMS`; 0 where `sign` is 0."""
     return np.where(sign == 0.0, 0.0, FORMS[form](v / width)) if width > 0 else sign
 
 
 def vary_direction(v: np.ndarray, width: float, sign: np.ndarray, form: int = 0) -> np.ndarray:
-    """Change of `soften_direction` with the width and the form of the reversal, (N, 3).
+    """Derivatives (N, 3) of `soften_direction` with respect to the width and the form of the reversal.
 
-    First the derivative by the logarithm of the width, then the differences to the other two forms; zero at
-    rest.
+    Column 0 is the derivative with respect to the logarithm of the width. Columns 1 and 2 are the differences
+    of the other two forms to this one. All are zero at rest.
     """
     if not width > 0:
         return np.zeros((len(v), len(FORMS)))
@@ -53,14 +53,14 @@ def vary_direction(v: np.ndarray, width: float, sign: np.ndarray, form: int = 0)
 def average_direction(v: np.ndarray, width: float, sign: np.ndarray) -> np.ndarray:
     """`soften_direction` (N,) averaged over each sample's interval, with the speed linear between samples.
 
-    For speeds that were thinned from a higher rate: the reversal stays where it is between samples.
+    It is used for speeds that were thinned: a reversal between two kept samples keeps its time.
     """
     middle = 0.5 * (v[1:] + v[:-1])
     low, high = np.append(v[:1], middle), np.append(middle, v[-1:])
     change = high - low
     flat = np.abs(change) < 1e-9 * max(float(np.abs(v).max()), 1e-300)
     if width > 0:
-        # ln cosh without overflow; a constant cancels.
+        # ln(2 cosh) without overflow; the constant ln 2 cancels in the difference.
         risen = width * (np.logaddexp(high / width, -high / width) - np.logaddexp(low / width, -low / width))
     else:
         risen = np.abs(high) - np.abs(low)
@@ -93,12 +93,12 @@ class Reversals:
         return (self.form != other.form) | (np.abs(self.width - other.width) > share * other.width)
 
     def change_form(self, step: int) -> "Reversals":
-        """Each joint's form replaced by the one `step` places later; its half-friction speed stays."""
+        """Reversals of the form `step` places later; friction reaches half its level at the same speed."""
         form = (self.form + step) % len(FORMS)
         return Reversals(self.width * _HALF[self.form] / _HALF[form], form)
 
     def where(self, chosen: np.ndarray, other: "Reversals") -> "Reversals":
-        """These reversals at the joints chosen (n,), `other` at the rest."""
+        """These reversals at the joints that the mask (n,) chooses, `other` at all others."""
         return Reversals(np.where(chosen, self.width, other.width), np.where(chosen, self.form, other.form))
 
     def soften(self, v: np.ndarray, sign: np.ndarray) -> np.ndarray:
@@ -106,7 +106,7 @@ class Reversals:
         return np.column_stack([soften_direction(*one) for one in self._by_joint(v, sign)])
 
     def vary(self, v: np.ndarray, sign: np.ndarray) -> np.ndarray:
-        """Change of the direction with the reversals, (N, n, 3); see `vary_direction`."""
+        """Derivatives (N, n, 3) of the direction with respect to the reversals; see `vary_direction`."""
         return np.stack([vary_direction(*one) for one in self._by_joint(v, sign)], axis=1)
 
     def _by_joint(self, v: np.ndarray, sign: np.ndarray) -> list[tuple[np.ndarray, float, np.ndarray, int]]:

@@ -46,7 +46,7 @@ def check_fields(path: Path, fields: DatasetFields) -> tuple[Acceptance, list[st
 
 
 def list_conflicts(path: Path, fields: DatasetFields) -> list[str]:
-    """Everything that `check_fields` refuses, a sentence each."""
+    """One sentence for each fault that `check_fields` refuses."""
     found = []
     checks = _list_checks(path, fields)
     checks.append(partial(check_fields, path, fields))
@@ -125,7 +125,7 @@ def _check_channels(path: Path, fields: DatasetFields) -> None:
 
 
 def _check_columns(path: Path, fields: DatasetFields) -> None:
-    """Check what is stated of columns: the torque's reading, and columns with reversed signs."""
+    """Check the fields that name columns or joints: `torque`, `turned`, `shifted`, `scaled`, and so on."""
     joints = fields.robot.joints
     for joint in fields.torque if isinstance(fields.torque, dict) else ():
         if joint not in joints:

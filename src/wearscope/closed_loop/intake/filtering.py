@@ -18,14 +18,15 @@ from wearscope.effects.signals import differentiate
 
 #: A joint counts as at rest below this multiple of its speed noise, or this share of its largest speed.
 _REST_NOISE, REST_SHARE = 5.0, 0.01
-#: The same for its largest speed in any train run.
+#: It also counts as at rest below this share of its largest speed in any train run.
 _REST_OF_ALL = 0.002
 _ORDER = 4
 #: Half length of the common filter's impulse response, in periods of its cut-off.
 _REACH = 4.0
-#: What is lost at either end of a run to a filter, in periods of its cut-off.
+#: Part of a run that is cut off at either end after a filter, in periods of its cut-off.
 EDGE_PERIODS = 1.0
-#: Samples a period of the common cut-off that a fast recording keeps at least, and its least rate [Hz].
+#: A fast recording is thinned to at least this many samples per period of the common cut-off, and to at least
+#: this rate [Hz].
 ROWS_PER_PERIOD, _LEAST_RATE = 20.0, 250.0
 #: Half length of the anti-alias filter [new samples].
 _TAPS = 10
@@ -49,12 +50,12 @@ class Band:
 
     @property
     def gear(self) -> float:
-        """Cut-off [Hz] of the torque that bends the gears: it changes nothing below the common one."""
+        """Cut-off [Hz] for the torque that bends the gears, well above the common cut-off."""
         return min(2.0 * self.torque, self.motion)
 
     @property
     def stride(self) -> int:
-        """Number of samples from one row to the next, so that rows come at four times the common cut-off."""
+        """Number of samples from one row to the next; rows come at four times the common cut-off or more."""
         return max(1, int(self.rate / (4.0 * self.torque)))
 
 
@@ -174,8 +175,8 @@ def choose_factor(rate: float, motion: float, torque: float) -> int:
 def decimate(x: np.ndarray, factor: int) -> np.ndarray:
     """Every `factor`-th sample of (N, ...) along the first axis after a zero-phase FIR anti-alias filter.
 
-    Flat to a half of the new Nyquist frequency, 80 dB down from it on; the ends are extended by odd
-    reflection, as `low_pass` does.
+    The filter is flat up to half the new Nyquist frequency and attenuates by 80 dB above that frequency. The
+    ends are extended by odd reflection, as `low_pass` does.
     """
     if factor == 1:
         return x
@@ -297,7 +298,7 @@ def differentiate_run(run: Run, rate: float, cutoff: float, usual_speed: np.ndar
         # Rounding to a grid is white noise of a twelfth of its step squared where the joint moves.
         density = np.maximum(density, run.quantum**2 / (6.0 * rate))
     if run.qd is not None:
-        # A recorded speed may be far noisier than the positions' slope, and the other way round.
+        # Either the recorded speed or the differentiated position may be far noisier; take the quieter one.
         quieter = position_noise(run.qd, rate)[0] < density * (2 * np.pi * cutoff) ** 2 / 3
         v[:, quieter] = low_pass(run.qd[:, quieter], cutoff, rate)
     a = differentiate(v, rate)

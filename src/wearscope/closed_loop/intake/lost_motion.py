@@ -1,9 +1,10 @@
-"""Up to which frequency the torque along the motors' motion tells when a gear takes up its lost motion.
+"""Cut-off of the torque whose reversals tell when a gear takes up its lost motion.
 
-Along the motor's motion the rigid body's torque holds more than the gear carries: the jump itself, twice
-differentiated, which makes it reverse several times where the gear does once, and the noise of the positions,
-which grows with the square of the frequency. A low cut-off leaves both out, and where the load itself moves
-faster than that, it also leaves out the load: the torque then reverses at other moments than the gear does.
+The rigid-body torque along the motor's motion holds two things that the gear does not carry. One is the
+second derivative of the jump across the lost motion, which makes this torque reverse several times where the
+gear does once. The other is position noise, which grows with the square of the frequency. A low cut-off
+removes both. Too low a cut-off also removes a fast load, and the torque then reverses at other times than the
+gear.
 """
 
 from collections.abc import Sequence
@@ -18,8 +19,8 @@ from wearscope.effects.signals import differentiate
 
 #: Cut-offs that are tried, over the common cut-off.
 _TRIED = 2.0 ** np.arange(-1.0, 1.01, 0.25)
-#: Error of a reversal's moment, times the common cut-off's angular frequency, that hardly changes the jump's
-#: torque below that cut-off: its correlation with the true one falls by half the square of this number.
+#: Largest timing error of a reversal, times the common cut-off's angular frequency, that hardly changes the
+#: jump's torque below that cut-off. Its correlation with the true torque falls by half this number's square.
 _EARLY = 0.2
 #: Highest frequency that the motion filter leaves unchanged, over its cut-off.
 _UNTOUCHED = 0.7
@@ -54,7 +55,7 @@ def choose_lost_motion_cutoffs(runs: Sequence[Signals], band: Band) -> np.ndarra
 
 
 def _bound_noise(runs: Sequence[Signals], band: Band) -> np.ndarray:
-    """Most (n,) that a density of twice differentiated noise, over f^4, can be without passing the loads'."""
+    """Upper bound (n,) of the density of twice differentiated noise, over f^4, from the loads' spectrum."""
     length = min(int(4 * band.rate), *(len(run.t) for run in runs))
     frequency = np.fft.rfftfreq(length, 1.0 / band.rate)
     density = np.zeros((len(frequency), runs[0].load.shape[1]))

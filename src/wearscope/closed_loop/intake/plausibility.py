@@ -1,8 +1,9 @@
 """Whether signals can be what the data set says they are: units, torque side, signs, channel order, delay.
 
-The readings of the columns are weighed for all runs together, then for the run that agrees least with the
-others: one machine must explain both. A data set is refused with the best reading as the remedy, unless
-`accept` overrules it; what the loop has a name for, and what changes no number, is a note.
+A reading is a hypothesis of what the columns hold. Readings are compared on all runs together, then on the
+run that agrees least with the others, since one machine must explain both. A data set is refused with the
+best reading as the remedy, unless `accept` overrules it. What the search can name as an effect, and what
+changes no number, is only noted.
 """
 
 import re
@@ -22,11 +23,11 @@ from wearscope.closed_loop.intake.traits.score import Weighing
 from wearscope.closed_loop.intake.traits.search import HOPELESS, MUCH, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
-#: No name can be judged from this unexplained share of a torque's variance on (half of the RMS).
+#: Largest unexplained share of a torque's variance (half of its RMS) with which effects can be judged.
 _UNJUDGED = 0.25
 #: A torque has lost its signs where restored signs reduce its unexplained part to this share.
 _FOLDED = 0.5
-#: A remedy for all runs, and whether a further remedy follows it.
+#: Pattern of a remedy that holds for all runs; its group is not empty where a further remedy follows.
 _FOR_ALL = re.compile(r'; write "[^"]*"(?: below robot)? in dataset\.yaml(, or)?')
 #: Iterations of the search for a torque's signs; largest step of a position from row to row, over its reach.
 _TURNS, _STEP = 20, 0.1
@@ -35,7 +36,7 @@ _TURNS, _STEP = 20, 0.1
 def check_plausibility(prepared: Prepared) -> None:
     """Refuse data that another reading of the columns explains and the stated one does not.
 
-    What is accepted, readings that are noted and unused entries of `accept` go to the data set's notes.
+    Accepted refusals, noted readings and unused entries of `accept` are added to the data set's notes.
 
     Raises
     ------
@@ -48,7 +49,7 @@ def check_plausibility(prepared: Prepared) -> None:
     if rows.heard:
         _check_signs(prepared, rows)
         found = _check_readings(prepared, rows)
-    # Only now the limits of the signals: a refusal by a reading of the columns tells more.
+    # Limits of the signals are checked last, since a refusal by a reading tells the user more.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= MUCH)
     if rows.heard:
@@ -59,13 +60,13 @@ def check_plausibility(prepared: Prepared) -> None:
 
 
 def _ask_clock(prepared: Prepared, factor: float) -> float:
-    """Nats for a clock that is wrong by a factor, along the slopes of the positions alone."""
+    """Evidence [nats] that the clock is wrong by `factor`, with speeds from differentiated positions."""
     rows = Rows.of(replace(prepared, runs=[_take_slopes(run) for run in prepared.runs], notes=[]))
     return look_at(rows, Reading.stated(rows.n).has("clock", 0.0, clock=factor)) if rows.heard else 0.0
 
 
 def _take_slopes(run: PreparedRun) -> PreparedRun:
-    """A run with the slopes of its positions in the place of recorded speeds."""
+    """Copy of a run whose speeds are differentiated positions, not recorded ones."""
     v = differentiate(run.signals.q, run.band.rate)
     sign = np.where(run.resting, 0.0, np.sign(v))
     signals = replace(run.signals, v=v, a=differentiate(v, run.band.rate), sign=sign, _slopes={})
@@ -73,7 +74,7 @@ def _take_slopes(run: PreparedRun) -> PreparedRun:
 
 
 def _leave(rows: Rows) -> np.ndarray:
-    """Share (n,) of each torque's variance that body and friction leave; NaN where it says nothing."""
+    """Share (n,) of each torque's variance that rigid body and friction leave; NaN where none is tested."""
     left = np.full(rows.n, np.nan)
     if rows.heard:
         left[rows.heard] = Weighing(rows, coarse=True).fit(Reading.stated(rows.n)).leave_plain()
@@ -81,7 +82,7 @@ def _leave(rows: Rows) -> np.ndarray:
 
 
 def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
-    """Refuse data that another reading explains, of all runs or of the worst one."""
+    """Refuse data that another reading explains, in all runs or in the worst one; return all runs' result."""
     declared = prepared.dataset.fields.declared_effects
     taken: dict[str, Reading] = {}
     if TIME_DELAY.name in declared:
@@ -96,7 +97,7 @@ def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
         best, rows = every[max(told)[1]]
         text, codes = _tell(best, rows) or ("", ())
         reading = best.best.reading
-        # What is accepted explains these rows as well.
+        # A reading that the data set accepts explains these rows at least as well.
         if any(look_at(rows, one) >= look_at(rows, reading) for one in taken.values()):
             return Weighed(found.stated, found.stated, [])
         taken.update(dict.fromkeys(codes, reading))
@@ -111,7 +112,7 @@ def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
 
 
 def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
-    """Rows in which only the columns of the least explained run are in question; none without one.
+    """List of the rows with the least explained run marked as doubted; empty where all runs are explained.
 
     A wrong run makes others look wrong, so the doubted run is the one without which the others agree best.
     """
@@ -141,7 +142,7 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
 
 
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
-    """Torques without their signs; positions that count from where each run starts."""
+    """Refuse torques that were recorded without their sign; note positions that start at 0 in every run."""
     left, joints = _leave(whole), prepared.dataset.joints
     if np.nan_to_num(left).max(initial=0.0) < MUCH / 2.0:
         return
@@ -166,13 +167,16 @@ def _check_signs(prepared: Prepared, whole: Rows) -> None:
 
 
 def starts_at_zero(q: np.ndarray) -> bool:
-    """Whether all positions (N, n) start at 0 and leave it without a step; filled-in zeros end with one."""
+    """Whether all positions (N, n) start at 0 and leave it without a step.
+
+    Zeros that a recorder wrote in place of missing values end with a step.
+    """
     moved = q[np.any(q != 0.0, axis=1)][:1]
     return bool(np.all(q[0] == 0.0) and np.all(np.abs(moved) <= _STEP * np.ptp(q, axis=0)))
 
 
 def _unfold(rows: Rows, known: np.ndarray, j: int) -> float:
-    """Ratio of unexplained parts: of the torque with restored signs to the torque as recorded."""
+    """Unexplained variance of the torque with restored signs, over that of the torque as recorded."""
     at = rows.counts[:, j]
     y, direction, body = rows.tau[at, j], rows.sign[at, j], known[at, j]
     columns, left = [np.ones(len(y)), body, rows.a[at, j], direction, rows.v[at, j]], []
@@ -217,7 +221,10 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
 
 
 def _misfit(own: Rows, known: np.ndarray, j: int) -> float:
-    """Share of the variance that stays with free signs and sizes and a smooth function of position."""
+    """Share of a torque's variance that the motion leaves when all coefficients are free.
+
+    The regressors are body, acceleration, direction, speed and a polynomial of the position.
+    """
     at = own.counts[:, j]
     y, q = own.tau[at, j], own.q[at, j]
     centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)

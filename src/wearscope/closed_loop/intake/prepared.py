@@ -1,4 +1,4 @@
-"""What a prepared data set is: runs as signals of one bandwidth, the known torque, rows that count."""
+"""A data set prepared for regression: runs as signals of one bandwidth, the known torque, rows that count."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -35,8 +35,8 @@ class PreparedRun:
     keep : ndarray (M, n) of bool
         Rows that count for each joint: the joint moves and the torque is not saturated.
     measured : ndarray (M, n)
-        Torque after the common filter. In rows that move it is without the static friction of a rest before
-        or after, which the filter would carry there.
+        Torque after the common filter. Before it, the static friction of rests is taken out for rows in
+        motion, since the filter would carry it into them.
     t : ndarray (M,)
         Time of the rows since the recording's first row [s].
     start : float
@@ -47,7 +47,7 @@ class PreparedRun:
     resting : ndarray (N, n) of bool
         Samples of a rest, at which there is no direction of motion.
     factor : int
-        Every how many samples of the recording are kept.
+        One of so many samples of the recording is kept.
     """
 
     file: str
@@ -101,13 +101,13 @@ class Prepared:
     top_speed : ndarray (n,)
         Largest speed of each joint in the training runs [rad/s or m/s].
     link_side : frozenset of str
-        Joints in whose torque there is no friction to be seen.
+        Joints whose torque shows no friction, as if measured behind the gear.
     torque_factors : dict of str to float
-        By joint, torque over what the stated bodies need, where one clearly fits better than 1.
+        By joint, the recorded torque over what the stated bodies need, where it clearly differs from 1.
     noted : dict of (str, int) to float
-        First coefficient of an effect at a joint, as the reading of the columns has it.
+        By effect and joint, the first coefficient that the reading of the columns estimated.
     checked : list of str
-        Those of the notes that came of `check_plausibility`.
+        The notes that `check_plausibility` added.
     """
 
     dataset: Dataset
@@ -139,7 +139,7 @@ class Prepared:
 
     @cached_property
     def lost_motion_cutoff(self) -> np.ndarray:
-        """Cut-off (n,) [Hz] of the torque across whose reversal each gear's lost motion is taken up."""
+        """Cut-off (n,) [Hz] of the torque whose reversals tell when each gear takes up its lost motion."""
         runs = self.runs_for("train") or self.runs
         return choose_lost_motion_cutoffs([run.signals for run in runs], self.band)
 
@@ -151,13 +151,13 @@ class Prepared:
         return np.asarray(np.sqrt(square / sum(len(run.signals.t) for run in runs)))
 
     def refuse(self, where: str, told: str, *codes: str) -> None:
-        """Refuse by inference; noted instead where the data set accepts it."""
+        """Refuse by inference, or add a note where the data set accepts every code."""
         note = self.dataset.accepted.refuse(where, told, *codes)
         if note not in self.notes:
             self.notes.append(note)
 
     def bound(self, parameters: Iterable[Parameter], joint: int) -> list[tuple[float, float]]:
-        """Believable bounds of parameters of an effect at a joint."""
+        """Physically believable bounds of an effect's parameters at a joint."""
         unit, load = self.dataset.position_unit[joint], float(self.load_size[joint])
         return [p.bounds(unit, load) for p in parameters]
 
@@ -182,7 +182,7 @@ class Prepared:
 def leave_out_short(
     dataset: Dataset, runs: list[PreparedRun], band: Band, notes: list[str]
 ) -> list[PreparedRun]:
-    """Runs with rows enough; pieces without are left out.
+    """Runs of at least `LEAST_ROWS` rows; shorter pieces are left out, with a note.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def leave_out_short(
 
 
 def known_inertia(dataset: Dataset) -> np.ndarray:
-    """Rotor inertias (n,) that the data set declares and gives; zero where it does not."""
+    """Declared rotor inertias (n,) whose values the data set gives [kg m^2 or kg]; zero where it does not."""
     stated = dataset.fields.robot.rotor_inertia
     if stated is None or "rotor_inertia" not in dataset.fields.declared_effects:
         return np.zeros(len(dataset.joints))
@@ -214,7 +214,7 @@ def known_inertia(dataset: Dataset) -> np.ndarray:
 
 
 def take_direction(v: np.ndarray, rest: np.ndarray, reversals: Reversals) -> tuple[np.ndarray, np.ndarray]:
-    """Gradual direction of motion (N, n), and its change with the reversals."""
+    """Smoothed direction of motion (N, n), and its derivatives (N, n, 3) with respect to the reversals."""
     sharp = np.where(rest, 0.0, np.sign(v))
     return reversals.soften(v, sharp), reversals.vary(v, sharp)
 

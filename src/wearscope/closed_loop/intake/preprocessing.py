@@ -1,9 +1,8 @@
 """A data set made ready for regression: signals of one bandwidth, the known torque, rows that count.
 
-`prepare` is a chain of steps, each of which takes what the one before it made: clean every recording, find
-the joints and runs that move, choose the filter before differentiation, bridge what the torques lack, choose
-the common filter and the friction's reversal, and make the signals. Recordings are read one at a time; fast
-ones are thinned to the rate that the filters need.
+`prepare` is a chain of steps: clean every recording, find the joints and runs that move, choose the filter
+before differentiation, bridge missing torques, choose the common filter and the friction's reversal, and make
+the signals. Recordings are read one at a time; fast ones are thinned to the rate that the filters need.
 """
 
 from dataclasses import replace
@@ -130,7 +129,7 @@ def make_rough(
 
 
 def _thin_marks(marked: np.ndarray, factor: int) -> np.ndarray:
-    """Marks (N, n) at every `factor`-th sample, where its anti-alias filter gives a marked one weight."""
+    """Marks (M, n) of every `factor`-th sample: set where its anti-alias filter reaches a marked sample."""
     return marked if factor == 1 else spread_out(marked, factor)[::factor]
 
 
@@ -178,7 +177,7 @@ def bridge_gaps(
 def _check_share(
     dataset: Dataset, sources: list[Source], runs: list[RoughRun], factor: int, notes: list[str]
 ) -> None:
-    """Refuse a joint whose training torque is clipped or frozen too often in motion: the rest is biased."""
+    """Refuse a joint whose training torque is clipped or frozen too often: the other rows are biased."""
     count, faulty = np.zeros((2, len(dataset.joints)))
     never, moves = np.zeros((2, len(dataset.joints)), dtype=bool)
     for source, run in zip(sources, runs, strict=True):
@@ -332,7 +331,8 @@ def _mark_uncounted(slow: np.ndarray, source: Source, factor: int, band: Band) -
     width = int(0.5 * band.rate / band.torque)
     bad = slow | spread_out(keep_lasting(slow, width), width)
     if source.faulty.any():
-        # A spike is bridged without a trace; a gap by a rough prediction, whose error reaches a whole period.
+        # A bridged spike leaves no error nearby. A bridged gap does: the rough prediction's error spreads
+        # over a whole period of the common filter.
         gaps = keep_lasting(source.faulty, LONGEST_SPIKE)
         bad |= _thin_marks(source.faulty, factor) | spread_out(_thin_marks(gaps, factor), 2 * width)
     if source.lost.any():

@@ -7,7 +7,7 @@ import numpy as np
 from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.recording import Run
 
-#: Smallest push, in deviations of the torque from its level; least time between two [s]; most that are
+#: Smallest push, in (robust) standard deviations of the torque; least time between two [s]; most that are
 #: listed.
 _FAR, _APART, _MOST = 10.0, 1.0, 6
 

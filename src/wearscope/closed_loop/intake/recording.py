@@ -8,7 +8,8 @@ from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 
 #: Fewest changes of a position that show the step of its encoder.
 LEAST_CHANGES = 3
-#: Largest distance of a difference from whole steps, over a step; also the share of differences beyond it.
+#: Differences are whole steps where this share of them at most deviates from one by more than this share of a
+#: step.
 _WHOLE = 0.02
 
 
@@ -41,11 +42,11 @@ class Run:
     piece : int
         Number of the piece from 1; 0 where the recording is whole.
     losses : ndarray (G, 2)
-        Times between which a few samples were lost.
+        Start and end of each loss of a few samples [s].
     off : ndarray (N, n) of bool or None
         Rows in which a servo's torque was switched off.
     notes : tuple of str
-        On how its torque was read.
+        Remarks on how its torque was read.
     quantum : ndarray (n,) or None
         Smallest step of each position as recorded; 0 where it is too fine to tell.
     """

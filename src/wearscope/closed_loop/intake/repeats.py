@@ -1,8 +1,8 @@
 """Runs that are copies of each other, also trimmed, rounded or with another clock.
 
-Every run leaves a signature when it is read: the values of all channels at the rows where the torques' sum is
-larger than at any other row nearby. Such a row is one in the copy too, wherever the copy starts, so that
-copies share many signatures and other runs few. Only runs that do are compared row by row.
+Every run has a signature: the values of all channels at its marks, the rows where the torques' sum is larger
+than at any other row nearby. Such a row is a mark of the copy too, wherever the copy starts. Copies therefore
+share many marks, and other runs share few. Only runs that share many are compared row by row.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 
 #: Runs whose aligned channels differ by less than this share of their spread are copies of each other.
 _COPY = 1e-3
-#: A copy shares at least this part of the shorter run, and this part of its signature.
+#: A copy shares at least the first part of the shorter run's rows, and the second part of its marks.
 _OVERLAP, _SHARED = 0.2, 0.1
-#: Half width of the signature's maxima [s]; largest distance of a copy's signature, over the channel's
-#: spread.
+#: Half width of the window in which a mark is the maximum [s]; largest difference of a copy's mark, over the
+#: channel's standard deviation.
 _REACH, _APART = 0.2, 3e-3
 _MOST_MARKS, _NEIGHBOURS = 2000, 8
 

@@ -1,9 +1,9 @@
-"""Over which speed a joint's friction changes its sign.
+"""Speed over which a joint's friction changes its sign (the width of its reversal).
 
-A reversal that is modelled sharper or smoother than the machine's leaks through the filters and looks like
-friction at low speed. The width is sought on the training runs with the rough model, friction under load and
-drag of second order with it. The narrowest width that does as well as the best within the noise is taken. The
-search for what the model lacks fits it again, with the terms that it finds.
+A reversal that is modelled sharper or smoother than the machine's looks like friction at low speed after the
+filters. The width is fitted on the training runs together with the rough model, friction by the load and
+quadratic drag. The narrowest width that fits as well as the best one, within the noise, is taken. The search
+for missing effects fits it again, with the terms that it finds.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _BLOCK_PERIODS, _MOST_SAMPLES = 4.0, 150_000
 
 @dataclass(frozen=True)
 class _JointRows:
-    """One joint of one run: reduced columns, and full-rate signals for columns that the width changes."""
+    """One joint of one run: filtered columns, and full-rate signals of columns that the width changes."""
 
     tau: np.ndarray
     fixed: np.ndarray
@@ -54,14 +54,14 @@ def _take_joint(run: RoughRun, j: int, band: Band, averaged: bool) -> _JointRows
 
 
 def _choose_width(parts: list[_JointRows], length: int, widths: np.ndarray) -> float:
-    """The narrowest of some widths that does as well as the best within a standard error, by blocks."""
+    """The narrowest of `widths` whose error is within a standard error (over blocks) of the best one's."""
     tau = np.concatenate([part.tau for part in parts])
     edges = np.cumsum([0, *(len(part.tau) for part in parts)]).tolist()
     starts = np.concatenate([np.arange(a, b, length) for a, b in pairwise(edges)])
     losses = []
     for width in widths.tolist():
         x = np.vstack([part.design(width) for part in parts])
-        # Friction takes power.
+        # Friction dissipates power, so its coefficient is not negative.
         lower = np.where(np.arange(x.shape[1]) == 0, 0.0, -np.inf)
         theta = fit_bounded(x, tau, lower, np.full(x.shape[1], np.inf))[1]
         losses.append(np.add.reduceat((tau - x @ theta) ** 2, starts))
@@ -84,7 +84,7 @@ def choose_reversal_widths(
         Joints that move in them; the others get 0.
     band : Band
     averaged : bool
-        The runs are thinned from a higher rate, at which the direction will be taken.
+        Whether the runs are thinned; the direction of motion is later taken at the recording's rate.
     """
     every = max(1, -(-sum(len(run.t) for run in runs) // _MOST_SAMPLES))
     runs = runs[::every]

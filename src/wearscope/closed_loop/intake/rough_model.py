@@ -1,8 +1,8 @@
-"""The rough joint model: what one joint's torque would be, from the rigid body and the plainest of drives.
+"""Rough model of one joint's torque: rigid body, inertia, Coulomb and viscous friction, and an offset.
 
-One least-squares fit a joint of [rigid body, a, sign, v, 1]. It names nothing; it serves to find what a
-torque must have been (clipping, gaps), up to which frequency the torque follows the motion, how wide the
-friction's reversal is, and whether the columns can be what they are said to be.
+It is one least-squares fit per joint of [rigid body, a, sign, v, 1], and names no effect. It predicts a
+torque that was clipped or lost, and shows up to which frequency the torque follows the motion, how wide the
+friction's reversal is, and whether the columns hold what the data set says.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-#: The middle of a torque's range is fitted alone where it holds this share of the samples. Where friction
-#: makes nearly all of a torque, the middle holds only reversals and rest.
+#: Only the middle of a torque's range is fitted, if it holds at least this share of the samples. Where
+#: friction makes nearly all of a torque, the middle holds only reversals and rest, so all of it is fitted.
 _MIDDLE = 0.5
-#: Prior standard deviation of the rigid body's factor about 1; number of independent samples that a run's
-#: rows count as next to this prior.
+#: Prior standard deviation of the rigid body's factor about 1; number of independent samples as which a run's
+#: rows are weighed against this prior.
 _FACTOR, _SAMPLES = 0.5, 30
-#: Ridge on the coefficients of columns of unit length. Two columns may say the same, as inertia and a rigid
-#: body about one axis do; without a ridge, rounding decides where a bounded fit ends.
+#: Ridge on the coefficients of columns of unit length. Two columns may be collinear, as inertia and a rigid
+#: body about one axis are; without a ridge, rounding decides where a bounded fit ends.
 _HELD = 1e-7
 
 
@@ -45,7 +45,7 @@ def fit_bounded(
     Returns
     -------
     float
-        Sum of the squares that are left.
+        Sum of squared residuals.
     ndarray (P,)
         Coefficients.
     """
@@ -61,7 +61,7 @@ def fit_bounded(
 
 @dataclass(frozen=True)
 class RoughRun:
-    """One run as the rough model sees it; arrays are (N, n).
+    """Signals of one run for the rough model; arrays are (N, n).
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
     ----------
     runs : list of RoughRun
     inner : bool
-        Leave out what is faulty or at rest, and fit on the middle 80 % of each torque's range only where that
-        holds most of its samples.
+        Fit without faulty samples and rests, and only on the middle 80 % of each torque's range if that holds
+        at least half of its samples.
     """
     predicted = [np.zeros_like(run.tau) for run in runs]
     train = [run for run in runs if run.use == "train"]
@@ -129,7 +129,7 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
 def bridge_rest(
     tau: np.ndarray, known: np.ndarray, a: np.ndarray, v: np.ndarray, rest: np.ndarray
 ) -> np.ndarray:
-    """Torque (N, n) in which the rough model's torque replaces the static friction of joints at rest.
+    """Torque (N, n) whose samples at rest are replaced by the rough model's torque, without static friction.
 
     Static friction may have any value, which no regressor follows, and a filter would carry it into the
     motion before and after. A joint's own motion may tell little of its rigid-body factor, as about an
@@ -152,7 +152,6 @@ def bridge_rest(
         held[0, 0] = np.sqrt(float(error @ error) / _SAMPLES) / _FACTOR
         theta = fit_rough([x[moves], held], [left, np.zeros(1)])
         theta[0] += 1.0
-        # The bridge is not shifted to meet its neighbours: they hold friction that grows towards rest, which
-        # ends there.
+        # The bridge is not shifted to meet its neighbours: they hold friction, and the bridge holds none.
         bridged[rest[:, j], j] = x[rest[:, j]] @ theta
     return bridged

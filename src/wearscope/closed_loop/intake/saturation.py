@@ -12,22 +12,22 @@ from scipy import ndimage
 
 from wearscope.closed_loop.intake.filtering import REST_SHARE
 
-#: Least share of a run's rows that must lie at a level before it is taken for a limit.
+#: Least share of a run's rows, and least number of them, at a level that is taken for a limit.
 _SHARE, _ROWS = 0.002, 5
-#: Factors on a stated limit: from the first on a torque is at the limit, from the second on beyond it.
+#: Factors of a stated limit: a torque is at the limit from the first on, and beyond it from the second on.
 _AT, _OVER = 0.999, 1.05
 #: Share of a torque's span by which the rough prediction must exceed a limit.
 _BEYOND = 0.02
 #: A level is no limit where the torque beyond it correlates this much with its prediction: friction makes
 #: plateaus too, which rise with the torque that the motion needs.
 _FOLLOWS = 0.5
-#: A level is that of friction where it holds for this share of the samples that move one way, faster than
-#: `_FAST` of the top speed: friction comes with the direction, a limit with the torque that is needed.
+#: A level is friction and no limit where more than this share of the fast samples of one direction are at it
+#: (faster than `_FAST` of the top speed): friction depends on the direction, a limit on the needed torque.
 _WHENEVER, _FAST = 0.95, 0.2
 
 
 def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
-    """Samples (N,) at the run's own extreme, where many more are than at the levels next to it."""
+    """Samples (N,) at the largest (`top`) or smallest value, if more are there than at the next three."""
     values, counts = np.unique(tau, return_counts=True)
     order = slice(None, None, -1) if top else slice(None)
     values, counts = values[order], counts[order]
@@ -36,7 +36,7 @@ def _at_exact_level(tau: np.ndarray, top: bool) -> np.ndarray:
 
 
 def _comes_with_direction(at: np.ndarray, v: np.ndarray) -> bool:
-    """Whether samples (N,) are exactly those that move fast in one direction, by the speed v (N,)."""
+    """Whether nearly all fast samples of one direction are marked (N,), and nearly none of the other."""
     fast = np.abs(v) > _FAST * np.abs(v).max()
     ways = [at[fast & (v > 0.0)], at[fast & (v < 0.0)]]
     shares = sorted(float(way.mean()) if len(way) else 0.0 for way in ways)
@@ -44,7 +44,7 @@ def _comes_with_direction(at: np.ndarray, v: np.ndarray) -> bool:
 
 
 def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Samples (N,) near the largest level, where the torque stays there while the prediction goes beyond."""
+    """Samples (N,) near a torque's top level, if the torque stays there while the prediction exceeds it."""
     none = np.zeros(len(x), dtype=bool)
     noise = 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / np.sqrt(6.0)
     span = float(np.ptp(np.percentile(x, [0.5, 99.5])))
@@ -67,7 +67,7 @@ def _at_noisy_level(x: np.ndarray, predicted: np.ndarray, v: np.ndarray) -> np.n
 
 
 def goes_beyond(tau: np.ndarray, limit: float) -> bool:
-    """Whether a torque (N,) that reaches a stated limit mostly exceeds it."""
+    """Whether most samples of a torque (N,) that reach a stated limit exceed it, so that it is wrong."""
     over = np.abs(tau[np.abs(tau) >= _AT * limit])
     return bool(np.mean(over > _OVER * limit) > 0.5) if len(over) else False
 

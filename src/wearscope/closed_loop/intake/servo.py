@@ -2,12 +2,12 @@ r"""The torque of a servo from what its bus gives: goal, duty, current, supply.
 
 A servo's drive sets a voltage, :math:`u = d\,V` with the duty :math:`d`. The motor turns it into torque at
 the joint, :math:`\tau = k\,(u - k\,\dot q) / R` with the torque constant :math:`k` at the joint. The second
-part, the back-EMF, opposes the motion like viscous friction does. It is none: it is known from the constants
-and is taken off here, so that what is estimated as viscous is the gear's alone.
+part, the back-EMF, opposes the motion like viscous friction does. It is no friction: it follows from the
+constants and is subtracted here, so that the estimated viscous friction is the gear's alone.
 
-With its torque off a drive is open and carries no current. Such rows do not count. Their torque would be
-known, as zero; but the gear then carries the load alone. Friction that grows with the motor's torque differs
-there, and some drives brake when they are off.
+With its torque off, a drive is open and carries no current. Such rows do not count, although the motor's
+torque is known to be zero: the gear then carries the load alone. Friction that grows with the motor's torque
+differs there, and some drives brake when they are off.
 
 Source: Duclusaud et al. 2025, "Extended friction models for the physics simulation of servo actuators".
 """
@@ -24,9 +24,9 @@ from wearscope.closed_loop.intake.table_files import take_column, take_joints
 from wearscope.errors import InputError
 from wearscope.robots.servos import COLUMNS, ServoFields
 
-#: Values that a register of 16 bits has.
+#: Number of values of a 16-bit register.
 _WORD = 65536
-#: Share of the largest duty above which the signs of duty and error are compared.
+#: Signs of duty and position error are compared where the duty exceeds this share of its largest value.
 _PLAIN = 0.1
 #: The error gives the duty's sign where the sizes of both correlate at least this much.
 _FOLLOWS = 0.8
@@ -34,7 +34,7 @@ _FOLLOWS = 0.8
 
 @dataclass(frozen=True)
 class ServoTorque:
-    """Readings of a servo's columns.
+    """Torque of one servo, from its columns.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ServoTorque:
 def take_servo_torque(
     path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields, t: np.ndarray, q: np.ndarray
 ) -> ServoTorque:
-    """Torque of a servo by its drive's law.
+    """Torque of a servo from its columns, by the law that `dataset.yaml` states.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def take_servo_torque(
     Raises
     ------
     InputError
-        Where a column that the law needs is missing, or holds what the law cannot be.
+        Where a column that the law needs is missing, or holds impossible values.
     """
     for kind in COLUMNS[servo.law]:
         if f"{kind}_{joint}" not in frame.columns:
@@ -107,9 +107,9 @@ def take_servo_torque(
 
 
 def estimate_gain(duty: np.ndarray, error: np.ndarray, off: np.ndarray, limit: float) -> float:
-    """Gain of a run: duty (N,) of 1 over the position's error (N,) [rad or m]; 0 where none is to be seen.
+    """Position gain of a run: share of full duty per unit of position error [1/rad or 1/m].
 
-    Rows at the drive's limit do not tell it.
+    Rows at the duty limit are left out. It is 0 where the duty does not follow the error.
     """
     free = ~off & (np.abs(duty) < 0.98 * limit)
     square = float(np.sum(error[free] ** 2))
@@ -162,10 +162,10 @@ def _read_volts(path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields)
 def restore_duty(
     where: str, counts: np.ndarray, full: float, goal: np.ndarray | None, q: np.ndarray, off: np.ndarray
 ) -> tuple[np.ndarray, list[str]]:
-    """Duty (N,) of 1 from its column, with the sign that the recorder lost, and notes.
+    """Duty (N,) as a share of full duty, its sign restored where the recorder lost it; and notes.
 
-    A recorder that takes a signed register of 16 bits for an unsigned one adds 65536 to what is negative.
-    One that keeps the size alone loses the sign, which the error of the position has.
+    A recorder that takes a signed register of 16 bits for an unsigned one adds 65536 to negative values. One
+    that keeps only the size loses the sign; it is that of the position error, goal less position.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def take_torques(
     t: np.ndarray,
     q: np.ndarray,
 ) -> Torques:
-    """Torques as recorded, or of servos by their drives' laws.
+    """Torques of all joints, as recorded or computed from a servo's columns.
 
     Parameters
     ----------

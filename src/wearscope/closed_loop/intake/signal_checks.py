@@ -1,4 +1,4 @@
-"""Whether signals of a run can be: positions within limits, speeds that are slopes, encoders that live."""
+"""Refuses impossible signals: positions beyond limits, speeds that are no slopes, dead encoders."""
 
 from collections.abc import Callable
 
@@ -11,19 +11,19 @@ from wearscope.closed_loop.intake.recording import estimate_quantum
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, say_clock
 from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 
-#: Largest difference of the logarithms of speed factors that count as the same.
+#: Speed factors of joints count as equal where their logarithms differ from the median's by less than this.
 _ONE_FACTOR = 0.1
 
 
 def check_signals(prepared: Prepared, run: PreparedRun, explained: np.ndarray) -> None:
-    """Refuse signals of a run that cannot be.
+    """Refuse positions of a run that lie far beyond the limits or come from a dead encoder.
 
     Parameters
     ----------
     prepared : Prepared
     run : PreparedRun
     explained : ndarray (n,) of bool
-        Joints whose torque the positions as stated explain, wherever they are.
+        Joints whose torque the stated positions explain; their limits are not checked.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check_speeds(prepared: Prepared, ask_clock: Callable[[float], float]) -> Non
     ----------
     prepared : Prepared
     ask_clock : callable
-        ``ask_clock(factor)`` is for how many nats the torques speak for a clock that is wrong by a factor.
+        ``ask_clock(factor)`` returns the torques' evidence [nats] for a clock that is wrong by a factor.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def check_speeds(prepared: Prepared, ask_clock: Callable[[float], float]) -> Non
 
 
 def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[float, float]]:
-    """Given speed over the slope of the position, and their correlation, by joint that moves."""
+    """Ratio of recorded speed to the position's slope, and their correlation, for each joint that moves."""
     recorded, found = next(r for r in prepared.dataset.runs if r.file == run.file).load(), {}
     if recorded.qd is None:
         return {}
@@ -116,10 +116,10 @@ def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[flo
 
 
 def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
-    """A position that never changes while its torque swings as in motion: a dead encoder, no locked joint.
+    """Refuse a position that never changes while its torque swings as in motion, which is a dead encoder.
 
-    The torque of a held joint may change too: its brake and its motor share the load that the other joints'
-    motion makes. Noise is known by its band.
+    The torque of a locked joint may change too: its brake and its motor share the load that the other joints'
+    motion makes. A torque of mere noise is recognised by its share above the common cut-off.
     """
     recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
     for j in np.flatnonzero(recorded.reach == 0.0).tolist():

@@ -1,4 +1,4 @@
-"""Signals of prepared runs: at the rows of the residual, and end to end."""
+"""Signals of prepared runs, picked at the rows of the residual and joined end to end."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -10,9 +10,9 @@ from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.effects.base import Signals
 
-#: Signals with a value a sample.
+#: Signals with one value per sample.
 _SAMPLED = ("t", "q", "v", "a", "sign", "load", "temperature", "wear")
-#: Fields of a single run only, and slopes, which belong to other samples: empty where rows are picked.
+#: Fields that only a whole run has; they are emptied where rows are picked.
 _OF_A_RUN: dict[str, Any] = {"torque": None, "transmitted": None, "lag": None, "reversal": None}
 
 
@@ -22,7 +22,7 @@ def thin_signals(run: PreparedRun) -> Signals:
 
 
 def pick_rows(whole: Signals, at: np.ndarray | slice) -> Signals:
-    """Signals at some of their samples, without what is known of single runs only."""
+    """Signals at some of their samples, without the fields that only a whole run has."""
     sampled: dict[str, Any] = {name: getattr(whole, name)[at] for name in _SAMPLED}
     channels = {name: values[at] for name, values in whole.channels.items()}
     return replace(whole, **sampled, channels=channels, **_OF_A_RUN, _slopes={})

@@ -16,10 +16,10 @@ from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.spatial import unwrap_turns
 
-#: Share of the furthest joint's range below which a joint rests, and of the usual range below which a run
-#: does; least span of a joint that moves [rad or m].
+#: A joint rests below this share of the range of the joint that moves furthest; a run rests below this share
+#: of the runs' usual range. Least span of a joint that moves [rad or m].
 RESTS, _LEAST_MOTION = 1e-3, 1e-5
-#: Largest span [rad] by which a joint that is held still yields.
+#: Largest span [rad] of a joint that is held still and only yields to pushes.
 _YIELDS = 4e-3
 
 
@@ -70,9 +70,9 @@ def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
 
 
 def is_carried(dataset: Dataset, payload: PayloadFields | None) -> bool:
-    """Whether an error of the declared payloads acts in a run with this payload, or without one.
+    """Whether a run with this payload, or None, would show an error of the declared payload.
 
-    Where no run declares any, every run may carry something.
+    Where no run declares a payload, every run may carry something.
     """
     masses = [run.payload.mass for run in dataset.runs if run.payload is not None]
     return (payload is not None and payload.mass > 0.0) or not any(mass > 0.0 for mass in masses)
@@ -97,7 +97,7 @@ def clean_runs(
     notes : list of str
         Gets what was corrected.
     reach : ndarray (n,), optional
-        Span of each joint's position in other runs, which counts too.
+        Span of each joint's position in further runs; the larger span is used.
     """
     own = widest_reach(dataset)
     reach = own if reach is None else np.maximum(own, reach)
@@ -111,7 +111,7 @@ def clean_runs(
 def clean_record(
     dataset: Dataset, record: RunRecord, urdf: str, reach: np.ndarray, notes: list[str]
 ) -> list[Source]:
-    """One recording as `clean_runs` has it, whole."""
+    """Cleaned pieces of one whole recording, as `clean_runs` makes them."""
     rate, where = dataset.fields.sample_rate, str(dataset.folder / record.file)
     pieces, told = split_at_gaps(_unwrap(dataset, record.load(), notes), rate, where)
     notes += told
@@ -143,7 +143,7 @@ def _unwrap(dataset: Dataset, run: Run, notes: list[str]) -> Run:
 
 
 def _share_quantum(dataset: Dataset, run: Run) -> np.ndarray:
-    """Step (n,) of each encoder; for a joint that rests in a run, the largest step of its kind in any run."""
+    """Step (n,) of each encoder; of a joint that rests, the largest step of joints with the same unit."""
     units = np.array(dataset.position_unit)
     known = np.max([record.quantum for record in dataset.runs], axis=0)
     quantum = known.copy() if run.quantum is None else run.quantum.copy()

@@ -154,7 +154,7 @@ def _first_text(series: pd.Series) -> tuple[int, str]:
     """Row and content of the first value that is no number."""
     try:
         row = int(np.argmax(pd.to_numeric(series, errors="coerce").isna().to_numpy()))
-    except (TypeError, ValueError, MemoryError):  # of a text that a dictionary repeats
+    except (TypeError, ValueError, MemoryError):  # memory: one long text that dictionary encoding repeats
         row = 0
     return row, ascii(str(series.iloc[row])[:30])
 

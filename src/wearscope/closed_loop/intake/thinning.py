@@ -1,10 +1,10 @@
 """Which stretches of the runs are used where there are more than memory and time allow.
 
-Training runs are cut into stretches, and those are kept whose motion informs most on what a joint's torque
-may depend on: the greedy choice that makes the determinant of the information largest (D-optimal design;
-Wynn 1970), per joint, the logarithms summed. Only positions, temperatures and time are looked at, never the
-torque that is to be explained: a choice by the outcome would favour what is found. Test runs judge, and are
-thinned evenly, not by information.
+Training runs are cut into stretches. Those are kept whose motion informs most on what a joint's torque may
+depend on. The choice is greedy and maximises the determinant of each joint's information matrix, the
+logarithms summed over the joints (D-optimal design; Wynn 1970). It uses positions, temperatures and time,
+never the torque that is to be explained, since a choice by the outcome would bias the result. Test runs judge
+the result, so they are thinned evenly.
 """
 
 import heapq
@@ -25,28 +25,29 @@ from wearscope.closed_loop.intake.table_files import LEAST_ROWS
 _CUTOFF, _RATE = 5.0, 25.0
 #: Scales of temperature [deg C] and time [s] over which a machine warms up.
 _WARM, _LONG = 30.0, 1000.0
-#: Information before the first stretch, as a share of a usual stretch's.
+#: Prior information, as a share of what a usual stretch adds.
 _BEFORE = 1e-3
 #: Largest share of the budget for one recording; share that goes first to one stretch of each session and
 #: payload.
 _OF_ONE, _OF_KINDS = 0.1, 0.5
-#: Information on one stretch by joint (n, F, F), in single precision: there can be tens of thousands.
+#: Type of a stretch's information matrices (n, F, F): single precision, since there can be tens of thousands.
 _KIND = np.float32
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How much of the runs is used.
+    """Upper limits on how much of the runs is used.
 
-    Memory and time of the loop grow with each of these. Seven joints, 35 training runs of 60 s at 1 kHz are
-    used whole.
+    Memory and time of the loop grow with each of these. Seven joints with 35 training runs of 60 s at 1 kHz
+    are used whole.
 
     Attributes
     ----------
     joint_seconds, joint_samples, joint_rows : float
-        Of the training runs, summed over the joints: as recorded, and after the common filter.
+        Seconds and samples of the training runs as recorded, and rows after the common filter, each times the
+        number of joints.
     tested : float
-        Share of these that the test runs may have, too.
+        Limits of the test runs, as a share of those of the training runs.
     stretch : float
         Usual length of a stretch [s], longer where the rate is low.
     """
@@ -58,7 +59,7 @@ class Budget:
     stretch: float = 20.0
 
     def seconds(self, dataset: Dataset, use: str) -> float:
-        """Seconds of all runs of one use that may be used."""
+        """Total time [s] of the runs of one use, ``train`` or ``test``, that may be used."""
         n, share = len(dataset.joints), self.tested if use == "test" else 1.0
         return share * min(self.joint_seconds, self.joint_samples / dataset.fields.sample_rate) / n
 
@@ -97,7 +98,7 @@ def prepare_thinned(dataset: Dataset, budget: Budget | None = None) -> Prepared:
 
 
 def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
-    """The data set, with the stretches of its runs that are used where these are more than a budget.
+    """The data set, reduced to the stretches that are used where its runs exceed a budget.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def thin_dataset(dataset: Dataset, budget: Budget | None = None) -> Dataset:
 
 
 def _split(number: int, record: RunRecord, length: float) -> list[Stretch]:
-    """Stretches of about one length [s] that a recording consists of; a gap ends one."""
+    """Cut a recording into stretches of about `length` [s] that span no gap."""
     stretches = []
     for start, stop in record.recorded:
         count = max(1, round((stop - start) / length))
@@ -166,7 +167,7 @@ def _join(stretches: list[Stretch]) -> tuple[tuple[float, float], ...]:
 
 
 def _choose_informing(dataset: Dataset, stretches: list[Stretch], most: float) -> list[Stretch]:
-    """Stretches of training runs, `most` seconds in all, that inform most."""
+    """The stretches of training runs that inform most, at most `most` seconds in all."""
     information = np.array(list(_survey(dataset, stretches)), dtype=_KIND)
     runs = [dataset.runs[s.record] for s in stretches]
     kinds = [f"{run.session} {run.payload}" for run in runs]
@@ -181,7 +182,7 @@ def _choose_informing(dataset: Dataset, stretches: list[Stretch], most: float) -
 
 
 def _survey(dataset: Dataset, stretches: list[Stretch]) -> Iterator[np.ndarray]:
-    """Information (n, F, F) on each stretch; recordings are read one at a time."""
+    """Information matrices (n, F, F) of each stretch; recordings are read one at a time."""
     reach, (urdf, _) = widest_reach(dataset), normalise_robot(dataset.urdf, dataset)
     sources: list[tuple[Source, np.ndarray, np.ndarray]] = []
     last = -1
@@ -198,13 +199,13 @@ def _survey(dataset: Dataset, stretches: list[Stretch]) -> Iterator[np.ndarray]:
 
 
 FEATURES = 17
-"""Features of a joint that information is on."""
+"""Number of features of a joint; see `list_features`."""
 
 
 def list_features(source: Source, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (M,) of a cleaned recording, and features (M, n, FEATURES) that a joint's torque may depend on.
 
-    The motion is that below 5 Hz; the torque is not looked at.
+    The motion is filtered at 5 Hz; the torque is not used.
     """
     run = source.run
     step = max(1, round(rate / _RATE))
@@ -229,16 +230,16 @@ def choose_stretches(
 ) -> list[int]:
     """Stretches that make the information largest, in the order of their choice.
 
-    The best one of each kind comes first. Then the next one is always that which adds most to the logarithm
-    of the determinants for each of its seconds. One recording gives a tenth at most (more where there are
-    fewer than ten), as long as others have something to give.
+    The best stretch of each kind comes first. Each next one is that which adds most to the log-determinant
+    per second of its length. One recording supplies a tenth of the time at most (more where there are fewer
+    than ten recordings), as long as others have stretches left.
 
     Parameters
     ----------
     information : ndarray (S, n, F, F)
     seconds : ndarray (S,)
     record, kind : ndarray (S,) of int
-        Recording of each; its session and payload.
+        Numbers of each stretch's recording, and of its combination of session and payload.
     most : float
         Seconds that may be chosen.
     """
@@ -275,7 +276,7 @@ class _Choice:
         return self.information[k] * self.scale[:, :, None] * self.scale[:, None, :]
 
     def gain(self, k: int) -> float:
-        """Gain of a stretch for each of its seconds."""
+        """Increase of the log-determinant per second of a stretch."""
         return (self._measure(self.known + self._scaled(k)) - self.size) / float(self.seconds[k])
 
     def take(self, k: int) -> None:
@@ -289,7 +290,7 @@ class _Choice:
     def fill(self, share: float) -> None:
         """Take the best remaining stretches, at most `share` seconds of a recording.
 
-        What a stretch adds only falls as others are taken, so that an old figure is a bound (Minoux 1978).
+        A stretch's gain only falls as others are taken, so an earlier gain is an upper bound (Minoux 1978).
         """
         taken = set(self.taken)
         left = [k for k in range(len(self.seconds)) if k not in taken]

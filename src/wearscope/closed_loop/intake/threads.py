@@ -1,4 +1,4 @@
-"""Work on several runs at once: the arithmetic on arrays lets other threads work."""
+"""Threads that work on several runs at once; they run in parallel during arithmetic on arrays."""
 
 import os
 from collections.abc import Callable, Sequence

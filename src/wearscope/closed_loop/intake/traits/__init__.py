@@ -1,1 +1,1 @@
-"""What the columns of a recording are: traits as hypotheses, which one score compares with the effects."""
+"""Hypotheses (traits) of what the columns of a recording hold, compared with missing effects by one score."""

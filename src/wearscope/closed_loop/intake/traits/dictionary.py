@@ -1,9 +1,9 @@
-"""A coarse dictionary of machines: columns of what a torque may hold next to the stated rigid body.
+"""A coarse dictionary of machines: regressors (columns) of torques beyond the stated rigid body's.
 
 The links' inertial parameters may differ from the stated ones, at a cost; each joint has a drive. What a
 machine may have in addition (a payload, a spring, a balancer, a soft gear, friction that grows with the load,
-falls with the speed or changes along the way) are terms. Each column is as large as a coefficient of one
-standard deviation of its prior makes it, in units of the torque's spread.
+falls with the speed or changes along the way) are terms. Each column is scaled so that its coefficient has a
+prior standard deviation of 1, in units of the torque's spread.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ _ROTOR = 10.0
 _BALANCED = 0.3
 #: Speeds over which friction falls, as shares of the largest speed.
 _FALLS = (0.05, 0.3)
-#: Waves of a force over the position; places of the range around which friction differs.
+#: Number of waves of a force over the position; number of places of the range around which friction differs.
 _WAVES, _PLACES = 6, 3
 #: Columns that act at one joint alone. The first `DRIVE` are in every model; those of `FREE` may have either
 #: sign.
@@ -51,9 +51,9 @@ class Columns:
     known : ndarray (N, n)
         Torque of the stated rigid body and payload.
     shared : ndarray (N, n, S)
-        Of what acts on several joints: links, payload, one soft gear a joint that is heard.
+        Columns of what acts on several joints: links, payload, one soft gear per tested joint.
     own : ndarray (N, n, D)
-        Those of `OWN`, the last ones missing where they are coarse.
+        Columns of `OWN`; where the dictionary is coarse, the first ones only.
     weight : ndarray (N, n)
         Torque of gravity.
     links : int
@@ -67,7 +67,7 @@ class Columns:
     links: int
 
     def pick(self, joints: np.ndarray) -> "Columns":
-        """Those of some joints."""
+        """Columns of some joints."""
         return replace(
             self,
             **{name: getattr(self, name)[:, joints] for name in ("known", "shared", "own", "weight")},
@@ -75,7 +75,7 @@ class Columns:
 
 
 def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
-    """Columns of what the torques may hold, along the motion of a reading.
+    """Columns of what the torques may hold, computed along the motion of a reading.
 
     Parameters
     ----------
@@ -136,14 +136,14 @@ def _know(moved: Rows, bodies: list[RigidBody]) -> np.ndarray:
 
 
 def _split(moved: Rows, bodies: list[RigidBody]) -> list[tuple[RigidBody, np.ndarray]]:
-    """Bodies that differ by payload or gravity, and the rows (N,) of the runs of each: bool."""
+    """Each distinct body, by payload and gravity, with a mask (N,) of the rows of its runs."""
     kinds = {k: (bodies[k].payload, bodies[k].gravity) for k in np.unique(moved.run).tolist()}
     alike = {kind: [k for k, one in kinds.items() if one == kind] for kind in kinds.values()}
     return [(bodies[runs[0]], np.isin(moved.run, runs)) for runs in alike.values()]
 
 
 def _bend(moved: Rows, body: RigidBody, motors: list[int]) -> np.ndarray:
-    """Change of the torques (N, n, M) by a soft gear at each motor, where link and motor move apart."""
+    """Derivative (N, n, M) of all torques with respect to the compliance of each motor's gear."""
     q, v, a, step = moved.q, moved.v, moved.a, _STEP
     if not motors:
         return np.zeros((*q.shape, 0))
@@ -199,7 +199,7 @@ def _rms(x: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _list_ways(body: RigidBody, inertials: str) -> np.ndarray:
-    """Changes (10 n, P) of the links' parameters that can act on torques, each at the prior cost 1.
+    """Directions (10 n, P) of the links' parameters that torques can show, one prior deviation long each.
 
     Some parameters act on no torque, and some act alike, whatever the motion and the direction of gravity.
     """

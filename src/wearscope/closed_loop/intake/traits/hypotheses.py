@@ -1,7 +1,7 @@
 """Traits of a recording: each is a way in which its columns may differ from what they are said to be.
 
-To add a trait, state here which readings it makes of another reading, and the note on a reading that has it.
-The score alone decides between readings.
+A reading is a set of traits. To add a trait, write here which readings it proposes, and the sentence about a
+reading that has it. The score alone decides between readings.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,13 +21,13 @@ from wearscope.closed_loop.intake.traits.score import ROWS, Weighing
 NOTE = 3.0
 #: Cost of a free number [nats]; a known number is preferred where it is at most this much worse [nats].
 FREE, _ALIKE = 0.5 * float(np.log(ROWS)), 1.0
-#: Ratios of a torque to what is needed, below and above which the model's errors do not explain it.
+#: Ratios of a torque to what the body needs; errors of the model explain only what lies between them.
 SMALL, LARGE = 0.25, 4.0
 #: Shortest delay [s] that is refused: the loop names shorter ones.
 LATE = 0.025
 DEGREE = float(np.pi / 180.0)
 _MM, _QUARTER = 1e-3, float(np.pi / 2.0)
-#: Start values of the search for a factor (in octaves) and for a delay; factors of turns and half turns.
+#: Start values of the search for a factor (in octaves) and for a delay [s]; factors of half turns and turns.
 _OCTAVES, _TIMES = np.arange(-3.0, 4.0), LONGEST / 2.0 ** np.arange(1.0, 6.0)
 _TURNS = (float(np.pi), 2.0 * float(np.pi))
 #: Odds for Earth's gravity, in nats.
@@ -46,12 +46,12 @@ class Trait:
     Attributes
     ----------
     propose : callable
-        ``propose(few, reading)`` gives readings with the trait in addition, their numbers refined.
+        ``propose(few, reading)`` returns readings with the trait in addition, their numbers refined.
     tell : callable
-        ``tell(reading, rows)`` gives what is said of it and its codes; None where the reading has none of it.
+        ``tell(reading, rows)`` returns a sentence and the codes; None where the reading lacks the trait.
     notes : callable or None
-        ``notes(reading)`` is whether it is noted and not refused, as the loop has a name for it. The readings
-        that it proposes then hold the odds against it.
+        ``notes(reading)`` says whether the trait is only noted, since the search can name it as an effect.
+        The readings that `propose` returns then include the odds against it.
     """
 
     propose: Callable[[Weighing, Reading], Iterator[Reading]]
@@ -76,7 +76,10 @@ def _turning(few: Weighing) -> list[int]:
 def refine(
     few: Weighing, make: Callable[[float], Reading], start: float, reach: tuple[float, float], hope: float
 ) -> Reading:
-    """The best reading near a number, where it fits better than `hope`, both without their odds."""
+    """Reading with its number refined within `reach`, if its first score at `start` is better than `hope`.
+
+    Both scores are compared without the odds against the readings.
+    """
     best = make(start)
     if few.look(best) - best.nats < hope:
         found = optimize.minimize_scalar(
@@ -87,12 +90,12 @@ def refine(
 
 
 def _round(few: Weighing, best: Reading, known: Reading) -> Reading:
-    """A known number in place of a fitted one, where it explains about as well."""
+    """The reading with a known number, where it explains about as well as the one with a fitted number."""
     return known if few.look(known) < few.look(best) + _ALIKE else best
 
 
 def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """No gravity, that of a controller's model taken out, and another direction or size of it."""
+    """Readings without gravity, with a controller's gravity taken out, or with gravity of another vector."""
     body = few.rows.prepared.runs[0].signals.rigid_body
     stated, size = np.array(body.gravity), float(np.linalg.norm(body.gravity))
     if not size or r.without or r.gravity is not None:
@@ -150,7 +153,7 @@ def _tell_gravity(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Torques of another size than the body needs: of one joint, of all alike, or each by its own."""
+    """Readings with torques that are a multiple of the body's: one joint's, all alike, or each its own."""
     if any(one != 1.0 for one in r.size):
         return
     fit, n = few.fit(r), few.rows.n
@@ -161,8 +164,8 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
     middle = float(np.median(np.abs(sizes))) * float(np.sign(sizes.sum()) if len(every) == 1 else 1.0)
 
     def resize(octaves: float, some: list[int], sign: float = 1.0) -> Reading:
-        # A common factor of all torques is told together with one of all masses, so that these do not
-        # compete.
+        # A common factor of all torques may as well be one of all masses. Its note names both, so that it has
+        # no odds against it.
         one = sign * float(2.0**octaves)
         alike = len(some) == len(every) > 1
         nats = FREE + (0.0 if is_off(one) else (NOTE + float(np.log(len(every)))) * (not alike))
@@ -227,7 +230,7 @@ def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_signs(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Torques or positions turned round, all torques at once, or both columns of a joint."""
+    """Readings with a reversed sign: of a torque, a position, both columns of a joint, or all torques."""
     heard = few.rows.heard
     if len(heard) > 1:
         yield r.has("sign", 0.0, torque_sign=tuple(-one for one in r.torque_sign))
@@ -269,7 +272,7 @@ def _tell_signs(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Torques of all joints late or early by one time, or behind a filter of first order."""
+    """Readings whose torques are all late or early by one time, or behind a first-order filter."""
     if r.delay or r.lag:
         return
     hope = few.look(r) - r.nats
@@ -308,7 +311,7 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """A clock that is wrong by a factor, or rows that run backwards."""
+    """Readings whose clock is wrong by a factor, or whose rows run backwards."""
     if r.clock != 1.0:
         return
     yield r.has("clock", 0.0, clock=-1.0)
@@ -322,7 +325,7 @@ def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
 
 
 def say_clock(factor: float) -> Told:
-    """Sentence on a clock, by the ratio of true to recorded time."""
+    """Sentence on a wrong clock and its code, from the ratio of true to recorded time."""
     by = max(factor, 1.0 / factor)
     by = float(round(by)) if abs(by / round(by) - 1.0) < 0.01 else by
     factor, way = (by, "short") if factor > 1.0 else (1.0 / by, "long")
@@ -340,7 +343,7 @@ def _tell_clocks(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Positions in degrees or mm, in turns, before a gear, or of another resolution."""
+    """Readings whose positions are in degrees or mm, in turns, before a gear, or of another resolution."""
     rows, hope = few.rows, few.look(r)
     span = np.ptp(rows.q, axis=0)
     plain = [j for j in range(rows.n) if abs(r.factor[j]) == 1.0]
@@ -357,7 +360,7 @@ def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
         def make(octaves: float, group: list[int] = group) -> Reading:
             return r.has("scale", FREE, factor=r.times("factor", group, float(2.0**octaves)))
 
-        # One joint's encoder may be off by a count; all of them also by a gear.
+        # A single encoder may be off by a factor of two in its counts; all of them may also be before a gear.
         near = _OCTAVES[_OCTAVES != 0.0] if len(group) == len(turning) else [-1.0, 1.0]
         start = float(min(near, key=lambda one: few.look(make(float(one)))))
         best = refine(few, make, start, (start - 0.6, start + 0.6), hope)
@@ -396,7 +399,7 @@ def _tell_scales(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Another zero of the position of a joint that turns."""
+    """Readings with another zero of a revolute joint's position."""
     hope = few.look(r) - r.nats
     for j in [j for j in _turning(few) if not r.zero[j]]:
 
@@ -424,7 +427,7 @@ def _tell_zeros(r: Reading, rows: Rows) -> Told | None:
 
 
 def _propose_exchanges(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Columns of two joints exchanged, and of the kinds of one."""
+    """Readings with columns of two joints exchanged, or the position and torque of one joint."""
     rows = few.rows
     for i, j in combinations(range(rows.n), 2):
         motion, torque = {"motion_of": r.swap("motion_of", i, j)}, {"torque_of": r.swap("torque_of", i, j)}
@@ -458,7 +461,7 @@ def _is_small(r: Reading) -> bool:
     return not any(map(is_off, r.size))
 
 
-#: Every trait, in the order in which they are told.
+#: Every trait, in the order of the sentences about them.
 TRAITS = (
     Trait(_propose_gravity, _tell_gravity),
     Trait(_propose_signs, _tell_signs),
@@ -473,7 +476,7 @@ TRAITS = (
 
 
 def tell(reading: Reading, rows: Rows) -> tuple[list[Told], list[Told]]:
-    """What is refused and what is noted of a reading."""
+    """Sentences and codes of a reading's traits: those that are refused, and those that are noted."""
     refused, noted = list[Told](), list[Told]()
     for trait in TRAITS:
         if told := trait.tell(reading, rows):

@@ -1,4 +1,4 @@
-"""What is noted of the columns and the machine: what changes no number, and what a fit does not tell."""
+"""Notes on the columns and the machine: what changes no number, and causes that a fit does not separate."""
 
 import numpy as np
 
@@ -10,29 +10,29 @@ from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
 from wearscope.closed_loop.intake.traits.search import LITTLE, REFUSE, Weighed
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
 
-#: Share of a torque's variance below which there is no friction in it.
+#: A torque has no friction where friction makes less than this share of its variance.
 NO_FRICTION = 1e-4
 #: Least mean gravity torque that counts, over the torque's spread; relative difference within which an offset
-#: equals it; ratio of torque to need below which a body is not seen.
+#: cancels it; ratio of a torque to what the body needs below which the body does not show.
 _WEIGHS, _LACKS, _NO_BODY = 0.5, 0.5, 0.1
-#: Largest moment of a payload over its mass and the reach; standard errors of an interval.
+#: Largest distance of a payload from the last joint, over the reach; standard errors of an interval.
 _AWAY, _SURE = 2.0, 2.0
 
 
 def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
-    """Add what is noted of a data set to its notes."""
+    """Add the notes on a data set's columns and machine."""
     loaded = PAYLOAD in found.stated.terms and found.best.reading.traits in ((), ("size",))
     sized = [one for one in (found.best, *found.ties) if loaded and one.reading.traits == ("size",)][:1]
     rivals: list[str] = []
     if sized and sized[0].over(found.stated) < REFUSE:
-        # A payload explains about as much as a factor of the torques, and it can be weighed.
+        # A payload explains the torques about as well as a factor does, and the user can weigh it.
         rivals = [told for some in tell(sized[0].reading, rows) for told, _ in some]
         found = Weighed(found.stated, found.stated, [])
     reading, model = found.best.reading, found.best
     refused, noted = tell(reading, rows)
     names = prepared.dataset.joints
     if found.is_answer:
-        # Where the stated reading needs a larger machine, this one may as well be there.
+        # Terms that the machine needs only with the stated reading are rivals of the best reading.
         more = sorted(found.stated.terms - model.terms)
         rival = " or ".join(f"{name} at {names[j]}" if j >= 0 else name for name, j in more)
         also = f"; these motions do not tell it from {rival}." if rival else "."
@@ -63,7 +63,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
 
 
 def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
-    """Note weight that an offset replaces, and bodies that no torque shows."""
+    """Note torques in which an offset cancels the stated weight, or in which the body hardly shows."""
     fit, still = model.fit, np.zeros_like(rows.q)
     body = prepared.runs[0].signals.rigid_body
     weights = [one.inverse_dynamics(rows.q, still, still) for one in (body, body.with_payload(None))]
@@ -94,7 +94,7 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
 
 
 def _note_payload(prepared: Prepared, found: Weighed) -> None:
-    """A payload that is not stated: its mass and interval, the runs that carry it, and the line for it.
+    """Note a payload that is not stated: mass with interval, the runs that carry it, and the line to write.
 
     Where only the place of the weight changes, the link's own weight and the joint's zero explain it as well.
     """

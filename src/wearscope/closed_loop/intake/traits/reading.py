@@ -1,4 +1,4 @@
-"""A reading: what the columns of a recording hold, made from what they are said to hold."""
+"""A reading: a hypothesis of what the columns of a recording hold, as changes of what the data set states."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -13,27 +13,27 @@ class Reading:
     Attributes
     ----------
     torque_sign, factor : tuple of float
-        By which a torque column, and a position, is multiplied.
+        Factor of each torque column, 1 or -1, and of each position column.
     zero : tuple of float
-        Added to a position after that [rad].
+        Offset of each position, added after its factor [rad].
     size : tuple of float
-        Torque over what the body needs.
+        Ratio of each torque to what the body needs.
     motion_of, torque_of : tuple of int
-        Joint whose position, and torque, stands in a joint's columns.
+        Index of the column that holds each joint's position; joint whose torque is in each torque column.
     crossed : frozenset of int
         Joints whose position and torque columns are exchanged.
     gravity : tuple of float or None
-        Along which it acts in the base frame in place of the stated one [m/s^2].
+        Gravity in the base frame in place of the stated one [m/s^2].
     without : str
-        Whose gravity is not in the torque: ``robot``, ``all``, or that of none.
+        Whose gravity the torque lacks: ``robot`` (all but the payload's), ``all``, or empty for nobody's.
     delay, lag : float
-        Of the torques behind the positions, and time constant of a filter that they passed [s].
+        Delay of the torques behind the positions, and time constant of a filter that they passed [s].
     clock : float
         True time over the recorded one; negative where the rows run backwards.
     traits : tuple of str
         Names of the hypotheses that differ from what is stated.
     nats : float
-        Odds against them all.
+        Odds against all traits together.
     """
 
     torque_sign: tuple[float, ...]
@@ -78,7 +78,7 @@ class Reading:
 
     @property
     def moves(self) -> tuple:
-        """Its fields that change the motion, or the body's torque."""
+        """Fields that change the motion or the body's torque, and so the columns of the fit."""
         return self.motion_of, self.factor, self.zero, self.clock, self.gravity, self.without, self.crossed
 
     @property
@@ -93,5 +93,5 @@ class Reading:
 
     @property
     def joint_of(self) -> np.ndarray:
-        """Joint (n,) that each torque column is of."""
+        """Joint (n,) to which each torque column belongs."""
         return np.argsort(self.torque_of)

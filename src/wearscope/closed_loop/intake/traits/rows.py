@@ -1,4 +1,4 @@
-"""Rows of the runs as stated: what readings of the columns are weighed on."""
+"""Rows of the runs, as stated, on which readings of the columns are compared."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,10 +19,10 @@ LONGEST = 0.3
 #: A drive is idle where its torque varies less than this share of the usual variation, unless the motion
 #: explains the second share of it; a joint rests in a run below the third share of its reach.
 _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
-#: Way over which friction builds up after a reversal (presliding), as a share of the joint's reach; way of a
-#: joint that does not move [rad or m].
+#: Distance over which friction builds up after a reversal (presliding), as a share of the joint's reach, and
+#: its least value [rad or m].
 _YIELDS, _LEAST_WAY = 0.0003, 1e-12
-#: Neighbouring rows in a block of residuals.
+#: Number of neighbouring rows in a block of residuals.
 _BLOCK = 8
 _MOTION = ("q", "v", "a", "sign", "sharp", "late", "jerk", "snap")
 
@@ -37,16 +37,16 @@ class Rows:
     q, v, a, jerk, snap : ndarray
         Position and its derivatives at the common bandwidth.
     sign, sharp, late : ndarray
-        Direction of motion, as friction's reversals seem to be; how one that changes at once differs from it,
-        and one that follows over a short way from one at once.
+        Direction of motion with reversals of the fitted width; an abrupt direction less that one; a direction
+        that lags over a short distance (presliding) less the abrupt one.
     tau : ndarray
     counts : ndarray of bool
         Rows that count for a torque column.
     run, t : ndarray (N,)
         Number of the row's run, and its time in it [s].
     loaded, doubted : ndarray (N,) of bool
-        Rows of runs in which a payload may be that is not stated, and of runs that readings are of: the
-        columns of all others are what they are said to be.
+        Rows of runs that may carry a payload that is not stated; rows of runs to which a reading applies. The
+        columns of all other runs are taken as stated.
     """
 
     prepared: Prepared
@@ -67,7 +67,7 @@ class Rows:
 
     @classmethod
     def of(cls, prepared: Prepared) -> "Rows":
-        """Rows of all runs of a data set, those of idle drives not counted."""
+        """Rows of all runs of a data set; those of idle drives do not count."""
         reach = np.max([np.ptp(run.signals.q, axis=0) for run in prepared.runs], axis=0)
         usual = np.median([_spread(run) for run in prepared.runs], axis=0)
         parts: list[dict[str, Any]] = []
@@ -96,7 +96,7 @@ class Rows:
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def thin(self, most: int) -> "Rows":
-        """Fewer rows for a first look, as many of doubted runs as of the others."""
+        """Fewer rows for a first look: about `most` of the doubted runs, and as many of all others."""
         parts = [np.flatnonzero(self.doubted), np.flatnonzero(~self.doubted)]
         return self.pick(np.sort(np.concatenate([one[:: max(1, len(one) // most)] for one in parts])))
 
@@ -107,12 +107,12 @@ class Rows:
 
     @cached_property
     def slides(self) -> np.ndarray:
-        """Joints (n,) that are prismatic: bool."""
+        """Mask (n,) of prismatic joints."""
         return np.array([unit == "m" for unit in self.prepared.dataset.position_unit])
 
     @property
     def joints(self) -> list[str]:
-        """Their names."""
+        """Names of the joints."""
         return self.prepared.dataset.joints
 
     @cached_property
@@ -123,12 +123,12 @@ class Rows:
 
     @cached_property
     def heard(self) -> list[int]:
-        """Torque columns that say something."""
+        """Indices of the torque columns that can be tested: those whose `scale` is not 0."""
         return [int(j) for j in np.flatnonzero(self.scale)]
 
     @cached_property
     def fold(self) -> np.ndarray:
-        """Fold (N,) of each row: runs in turn, or fifths of each where fewer than three count."""
+        """Cross-validation fold (N,) of each row: whole runs, or fifths of each if fewer than three count."""
         number, length = np.unique(self.run, return_inverse=True, return_counts=True)[1:]
         counted = [len(np.unique(number[self.counts[:, j]])) for j in self.heard]
         # A payload of some runs must be fitted on a part of each of them.
@@ -139,7 +139,7 @@ class Rows:
 
     @cached_property
     def block(self) -> np.ndarray:
-        """Block (N,) of each row."""
+        """Number (N,) of the block of neighbouring rows to which each row belongs."""
         cut = (np.diff(self.run) != 0) | (np.arange(1, len(self.run)) % _BLOCK == 0)
         return np.append(0, np.cumsum(cut))
 
@@ -148,14 +148,14 @@ class Rows:
         return [interpolate.CubicSpline(run.t, run.measured) for run in self.prepared.runs]
 
     def joint_of(self, reading: Reading) -> np.ndarray:
-        """Joint (n,) that each torque column is of, as `torque` gives them."""
+        """Joint (n,) to which each column that `torque` returns belongs."""
         return reading.joint_of if self.doubted.all() else np.arange(self.n)
 
     def torque(self, reading: Reading) -> np.ndarray:
-        """Torque columns (N, n) of a reading: without its delay and its filter of first order.
+        """Torque columns (N, n) by a reading, with its delay, first-order filter and signs undone.
 
-        Where the reading concerns some runs, their columns are exchanged, so that each is of one joint in all
-        runs.
+        Where the reading applies to some runs only, their columns are reordered, so that each column belongs
+        to one joint in all runs.
         """
         out, lag = self.tau.copy(), reading.lag
         for k in np.unique(self.run).tolist() if reading.delay or lag else ():
@@ -170,7 +170,7 @@ class Rows:
         return np.where(self.doubted[:, None], out[:, list(reading.torque_of)], self.tau)
 
     def motion(self, reading: Reading) -> "Rows":
-        """Rows as a reading has the motion."""
+        """Rows with the motion that a reading has."""
         order, factor = list(reading.motion_of), np.array(reading.factor)
         own = {name: getattr(self, name)[:, order] for name in _MOTION}
         for j in reading.crossed:
@@ -185,7 +185,7 @@ class Rows:
         return replace(self, **{name: np.where(at, own[name], getattr(self, name)) for name in _MOTION})
 
     def _torque_as_motion(self, j: int) -> list[np.ndarray]:
-        """Position, its derivatives and direction (N,) of a joint that its torque column holds."""
+        """Position, its derivatives and direction (N,) of joint `j`, taken from its torque column."""
         found = np.zeros((len(_MOTION), len(self.q)))
         for k in np.unique(self.run).tolist():
             run, at = self.prepared.runs[k], self.run == k
@@ -198,7 +198,7 @@ class Rows:
 
 
 def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
-    """Some rows of a run as stated."""
+    """Arrays of a run, as stated, at some of its rows."""
     signals, most = run.signals, max(MOST_ROWS // runs, 3 * LEAST_ROWS)
     at = slice(None, None, max(1, len(run.t) // most))
     motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
@@ -211,7 +211,7 @@ def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
 
 
 def _find_late(run: PreparedRun, sign: np.ndarray) -> np.ndarray:
-    """Direction (N, n) that follows reversals over a short way, less the direction at once; 0 at rest."""
+    """Direction (N, n) that lags a reversal over a short distance, less the abrupt direction; 0 at rest."""
     ways = _YIELDS * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
     signals = replace(run.signals, sign=sign, _slopes={})
     late = [PRESLIDING.columns(signals, j, ways[[j]]) for j in range(len(ways))]
@@ -229,7 +229,7 @@ def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:
 
 
 def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
-    """What columns (N,) do not explain of a signal (N,)."""
+    """Residual (N,) of the least-squares fit of columns (N,) to a signal (N,)."""
     x = np.column_stack(columns)
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 

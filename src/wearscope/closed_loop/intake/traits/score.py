@@ -1,9 +1,10 @@
-"""How a reading and the best machine with it explain the torques, and how much better than another pair.
+"""Score of a reading with its best machine (a set of terms), against another such pair.
 
     ln BF = sum_j nu_j / 2 * ln((L_j + f) / (L'_j + f)) - (cost' - cost)
 
-- L_j: held-out loss of a torque column, a share of its variance; always of the same columns.
-- f: form error, what a coarse dictionary leaves of any machine.
+- L_j: held-out squared error of a torque column, as a share of its variance; both pairs have the same
+columns.
+- f: form error, the share that a coarse dictionary leaves of any machine's torque.
 - nu_j: rows over the design effect of the direction in which the two models differ, and no more than `ROWS`.
 - cost: half the squares of the coefficients in units of their prior's standard deviation, ln(nu) / 2 a free
   coefficient, the logarithm of the alternatives, and the odds against the reading's traits.
@@ -33,7 +34,7 @@ from wearscope.robots.dynamics import N_PARAMETERS
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
 #: Numbers of blocks that are joined, and fewest joined blocks, to estimate the residual's autocorrelation.
 _JOINED, _FEWEST = (1, 2, 4, 8), 8
-#: How often the torques are weighed again by their residuals; largest number of moves of a climb, and of
+#: Iterations in which the torques are weighted by their residuals; largest number of moves of a climb, and of
 #: terms that each move tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
 
@@ -46,12 +47,12 @@ _EMPTIED = 1.05
 _EPS = 100.0 * np.finfo(float).eps
 
 Term = tuple[str, int]
-#: What the last link carries and nobody stated.
+#: Term of a load on the last link that is not stated.
 PAYLOAD: Term = ("payload", -1)
 
 
 class Fit:
-    """Products of a reading's columns, and fits of machines to them.
+    """Columns of a reading with their Gram matrices, and fits of machines (sets of terms) to them.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ class Fit:
 
     @cached_property
     def groups(self) -> dict[Term, np.ndarray]:
-        """Coefficients of each term that a machine may have."""
+        """Indices of the coefficients of each term that a machine may have."""
         names, own = self.names, len(self.names)
         out: dict[Term, np.ndarray] = {PAYLOAD: np.arange(self.columns.links, self.soft)}
         for k, j in enumerate(self.joint.tolist()):
@@ -106,7 +107,7 @@ class Fit:
         return out
 
     def count_free(self, term: Term) -> int:
-        """Coefficients of a term that the motion determines at all."""
+        """Number of a term's coefficients that the motion determines at all."""
         at = self.groups[term]
         if term != PAYLOAD:
             return len(at)
@@ -115,7 +116,7 @@ class Fit:
 
     @cached_property
     def total(self) -> np.ndarray:
-        """Products (K, k + 1, k + 1) of each torque's columns and itself, over its rows."""
+        """Gram matrix (K, k + 1, k + 1) of each torque's columns and the torque itself, over its rows."""
         return self._multiply(slice(None))
 
     def _multiply(self, at: slice | np.ndarray) -> np.ndarray:
@@ -124,11 +125,11 @@ class Fit:
 
     @cached_property
     def folds(self) -> list[np.ndarray]:
-        """The same of each fold."""
+        """Gram matrices of the rows of each fold; see `total`."""
         return [self._multiply(self.rows.fold == fold) for fold in np.unique(self.rows.fold)]
 
     def normal(self, grams: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and right side of all coefficients, priors of one in it."""
+        """Normal matrix and right-hand side of all coefficients, with priors of standard deviation 1."""
         a, b = np.eye(self.size), np.zeros(self.size)
         for gram, w, at in zip(grams, weight, self.index, strict=True):
             a[at[:, None], at] += w * gram[:-1, :-1]
@@ -136,7 +137,10 @@ class Fit:
         return a, b
 
     def solve(self, grams: np.ndarray, weight: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Coefficients, those of friction and inertia not negative; what is shared is taken out first."""
+        """Coefficients of the active columns; those of friction and inertia are not negative.
+
+        The shared columns are eliminated first.
+        """
         shared, own, n = self.shared, len(self.names), len(weight)
         w, x = grams * weight[:, None, None], np.zeros(self.size)
         at, on = np.flatnonzero(active[:shared]), np.flatnonzero(active[shared:])
@@ -168,12 +172,12 @@ class Fit:
     def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
         """Unexplained shares of each torque's variance for given coefficients."""
         z = np.column_stack([x[np.array(self.index)], np.full(len(self.index), -1.0)])
-        # A body that needs far more torque than there is cancels to rounding errors, which are no fit.
+        # Where the body needs far more torque than there is, a small difference is rounding and no good fit.
         least = _EPS * (np.abs(z)[:, None] @ np.abs(grams) @ np.abs(z)[:, :, None])
         return np.maximum(z[:, None] @ grams @ z[:, :, None], least).ravel()
 
     def settle(self, active: np.ndarray, turns: int = _TURNS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients, residuals, and the weights of the torques that follow from the residuals."""
+        """Coefficients, unexplained shares (K,) of the torques, and the weights (K,) that these imply."""
         loss = np.full(len(self.x), 0.05)
         for _ in range(turns):
             weight = ROWS / (np.minimum(loss, 1.0) + FORM)
@@ -182,17 +186,17 @@ class Fit:
         return x, loss, ROWS / (np.minimum(loss, 1.0) + FORM)
 
     def look(self) -> float:
-        """Nats against a reading at a first look, all terms in, each held by its prior."""
+        """First score of a reading [nats, lower is better], with all terms, each held by its prior."""
         x, loss, _ = self.settle(np.ones(self.size, bool), 2)
         return float(ROWS / 2 * np.log(loss + FORM).sum() + 0.5 * x @ x) + self.reading.nats
 
     def leave_plain(self) -> np.ndarray:
-        """Residuals (K,) after links and drives, friction by load and speed included."""
+        """Unexplained shares (K,) with links, inertia and every kind of friction, without other forces."""
         plain = np.tile(~np.isin(self.names, FREE[1:]), len(self.x))
         return self.settle(np.r_[self.always[: self.shared], plain])[1]
 
     def size_alone(self, k: int) -> float:
-        """Torque over what the body needs of the k-th torque by itself, next to a drive."""
+        """Ratio of the k-th torque to what the body needs, fitted to this torque alone along with a drive."""
         at = self.rows.doubted
         drive, body = self.x[k][at, self.shared : self.shared + DRIVE], self.body[k][at]
         y = self.y[k][at] + body
@@ -203,7 +207,7 @@ class Fit:
         return float(found[left[1] < left[0] + FORM * float(np.mean(y**2))][0])
 
     def model(self, terms: Iterable[Term]) -> "Model":
-        """A machine with terms, fitted."""
+        """Model of a machine with the given terms, fitted."""
         terms, active = frozenset(terms), self.always.copy()
         for term in terms:
             active[self.groups[term]] = True
@@ -212,7 +216,7 @@ class Fit:
         return Model(self, terms, x, loss, np.asarray(held))
 
     def climb(self) -> "Model":
-        """The best machine: terms added, dropped and exchanged until nothing gains."""
+        """The best machine of a greedy search that adds, drops and exchanges terms until no move gains."""
         now = self.model(())
         for _ in range(_MOVES):
             tried = [now.terms | {one} for one in now.list_hopes()[:_TRIED]]
@@ -229,7 +233,7 @@ class Fit:
 
 
 class Model:
-    """A reading with a machine.
+    """A reading with a fitted machine.
 
     Attributes
     ----------
@@ -238,7 +242,7 @@ class Model:
     x : ndarray
         Coefficients.
     left, held : ndarray (K,)
-        Share of each torque's variance that is left, of all rows and of rows that are held out.
+        Unexplained share of each torque's variance, on all rows and on held-out rows.
     """
 
     def __init__(
@@ -251,12 +255,12 @@ class Model:
 
     @property
     def reading(self) -> Reading:
-        """What the columns are."""
+        """The reading of the columns."""
         return self.fit.reading
 
     @property
     def need(self) -> float:
-        """Nats that any other reading can gain at most."""
+        """Upper bound of what any other reading can gain [nats]."""
         return float(ROWS / 2 * np.log(self.held / FORM + 1.0).sum()) + self.cost - self.reading.nats
 
     def own(self, k: int) -> np.ndarray:
@@ -266,7 +270,7 @@ class Model:
         return self.x[start : start + count]
 
     def leave_by_run(self) -> np.ndarray:
-        """Largest share (R,) of a torque's variance in a run, as it is read, that is left there."""
+        """Unexplained share (R,) of the variance in each run, of the torque with the largest one."""
         rows, shares = self.fit.rows, []
         number = np.unique(rows.run, return_inverse=True)[1]
         for k, c in enumerate(rows.heard):
@@ -311,7 +315,7 @@ class Model:
         return np.asarray(self.fit.y[k] - self.fit.x[k] @ self.x[self.fit.index[k]])
 
     def over(self, other: "Model") -> float:
-        """Ln BF of this model over another."""
+        """Log Bayes factor [nats] of this model over another."""
         total = other.cost - self.cost
         for k in range(len(self.held)):
             a, b = other.leave(k), self.leave(k)
@@ -322,7 +326,10 @@ class Model:
         return total
 
     def _find_design_effect(self, product: np.ndarray) -> float:
-        """Variance of a mean of rows (N,) over that of independent ones, the largest by joined blocks."""
+        """Design effect of rows (N,): variance of their mean over that of independent rows.
+
+        It is estimated from blocks of several lengths; the largest estimate is taken.
+        """
         single, sums, worst = float(product @ product), np.bincount(self.fit.rows.block, product), 1.0
         for count in _JOINED if single > 0.0 else ():
             own = np.add.reduceat(sums, np.arange(0, len(sums), count))
@@ -331,7 +338,7 @@ class Model:
         return worst
 
     def list_hopes(self) -> list[Term]:
-        """Terms that may pay, by what each would gain of the rows fitted with the others fitted again."""
+        """Terms that may gain, best first, by their gain on the fitted rows with all others refitted."""
         fit, found = self.fit, []
         a, b = fit.normal(fit.total, ROWS / (np.minimum(self.held, 1.0) + FORM))
         on = np.flatnonzero(self.x != 0.0)
@@ -348,20 +355,20 @@ class Model:
         return [term for gain, term in sorted(found, reverse=True) if gain > 0.0]
 
     def improve(self, tried: Iterable[frozenset[Term]]) -> "Model":
-        """The best of machines with other terms; this one where none gains."""
+        """The best model among machines with other terms; this model where none gains."""
         models = [self.fit.model(terms) for terms in tried]
         best = max(models, key=lambda one: one.over(self), default=self)
         return best if best is not self and best.over(self) > GAINS else self
 
 
 class Weighing:
-    """Models of readings of some rows, each made once.
+    """Fits of readings to some rows; their columns and first scores are kept.
 
     Parameters
     ----------
     rows : Rows
     coarse : bool
-        Without soft gears.
+        Whether the columns are coarse; see `make_columns`.
     """
 
     def __init__(self, rows: Rows, coarse: bool = False) -> None:
@@ -370,7 +377,7 @@ class Weighing:
         self._looks: dict[Reading, float] = {}
 
     def fit(self, reading: Reading) -> Fit:
-        """Fit of a reading; what only torques differ in shares its columns."""
+        """Fit of a reading; readings that differ only in the torques share their columns."""
         if reading.moves not in self._columns:
             if len(self._columns) > 64:
                 self._columns.pop(next(iter(self._columns)))
@@ -378,7 +385,7 @@ class Weighing:
         return Fit(self.rows, reading, self._columns[reading.moves])
 
     def look(self, reading: Reading) -> float:
-        """First look at a reading."""
+        """First score of a reading [nats, lower is better]; see `Fit.look`."""
         if reading not in self._looks:
             self._looks[reading] = self.fit(reading).look()
         return self._looks[reading]

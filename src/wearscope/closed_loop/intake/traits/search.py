@@ -12,7 +12,7 @@ from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
 
 #: Odds against a trait: 100 to 1. Nats beyond them that a refusal needs.
 ODDS, REFUSE = float(np.log(100.0)), 10.0
-#: Rows of a first look; readings that are weighed with all rows, and from which further traits are sought.
+#: Rows of a first look; numbers of readings that are scored with all rows, and to which traits are added.
 _FEW, _BEAM, _FRONT = 160, 4, 2
 #: Rounds of further traits; unexplained share of a torque's variance that is much, so that a run is doubted.
 _ROUNDS, MUCH = 2, 0.1
@@ -21,13 +21,13 @@ _ROUNDS, MUCH = 2, 0.1
 LITTLE, _LESS, HOPELESS, _TOLD = 0.05, 0.33, 0.8, 0.75
 #: Readings this many nats behind the likeliest one at a first look are not weighed with all rows.
 _APART = 30.0
-#: Standard errors within which all runs carry the same load.
+#: All runs carry the same load where none deviates from the mean by this many standard errors.
 _DIFFER = 4.0
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Result of weighing the readings of the columns.
+    """Result of comparing the readings of the columns.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Weighed:
     best : Model
         The best reading; the stated one where none is better by `NOTE`.
     ties : list of Model
-        Readings with as many traits as the best one, or with one, that explain the torques as well.
+        Readings that explain the torques as well, with as many traits as the best one (at least one).
     """
 
     stated: Model
@@ -47,7 +47,7 @@ class Weighed:
     def is_answer(self) -> bool:
         """Whether the best reading explains most torques that it changes, apart from those that are noise.
 
-        One of many may hold an effect in addition, which no reading explains.
+        One torque of many may hold an effect in addition, which no reading explains.
         """
         held, own = self.best.held, self.best.reading.claims[self.best.fit.joint]
         asked = (own | ~own.any()) & (held < HOPELESS)
@@ -55,7 +55,7 @@ class Weighed:
         return bool(asked.any() and told.mean() >= _TOLD)
 
     def list_rivals(self, rows: Rows) -> dict[str, list[str]]:
-        """What the ties would refuse in the place of the best reading: by sentence, its codes."""
+        """Refusals by the ties that could replace the best reading's: codes by sentence."""
         named = {code for _, some in tell(self.best.reading, rows)[0] for code in some}
         found: dict[str, list[str]] = {}
         for tie in self.ties:
@@ -69,13 +69,13 @@ class Weighed:
 
 
 def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
-    """Weigh readings of the columns.
+    """Compare readings of the columns, each with the best machine for it.
 
     Parameters
     ----------
     rows : Rows
     accepted : frozenset of str
-        Codes of traits that are not asked for.
+        Codes that the data set accepts; readings with them are not tried.
     """
     stated = Weighing(rows).fit(Reading.stated(rows.n)).climb()
     if (loaded := _find_loaded(stated)) is not None:
@@ -101,8 +101,8 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
             best = further
         elif best is not stated:
             break
-        # Where two traits belong together, neither need improve the fit alone: where much is unexplained, the
-        # likeliest readings are followed.
+        # Two traits may improve the fit only together. Where much is unexplained, the likeliest readings are
+        # followed although they do not improve it.
         front = ranked[:_FRONT] if best is stated else [best.reading]
         if best is stated and stated.held.max() < MUCH:
             break
@@ -114,7 +114,7 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
 
 
 def _find_loaded(model: Model) -> np.ndarray | None:
-    """Rows (N,) of the runs that seem to carry a payload, where others do not; None where all are alike."""
+    """Mask (N,) of rows in runs that carry a payload while others do not; None where all runs are alike."""
     numbers, number = np.unique(model.fit.rows.run, return_inverse=True)
     if len(numbers) < 2:
         return None
@@ -133,7 +133,7 @@ def _find_loaded(model: Model) -> np.ndarray | None:
 def _list_readings(
     few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str]
 ) -> Iterator[Reading]:
-    """Readings with one trait more, and with as much of it as pays at a first look."""
+    """Readings with one more trait, then with that trait at further joints while the first score improves."""
     one: Reading | None = start
     while one is not None:
         before = few.look(one)
@@ -148,7 +148,7 @@ def _list_readings(
 def _propose(
     few: Weighing, trait: Trait, start: Reading, accepted: frozenset[str], odds: float
 ) -> list[Reading]:
-    """Readings with a trait, or with more of it, and the odds against each reading."""
+    """Readings with a trait added to `start`, each with the odds against it."""
     every = list(trait.propose(few, start))
     taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
     # Traits that are only noted have odds of their own.
@@ -162,6 +162,6 @@ def _list_codes(reading: Reading, rows: Rows) -> list[str]:
 
 
 def look_at(rows: Rows, reading: Reading) -> float:
-    """Nats for a reading over the stated one at a first look."""
+    """Evidence [nats] for a reading over the stated one, by their first scores."""
     few = Weighing(rows.thin(_FEW), coarse=True)
     return few.look(Reading.stated(rows.n)) - few.look(reading)
