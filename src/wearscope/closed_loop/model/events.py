@@ -2,6 +2,7 @@
 
 A residual is noise, with a tail, and structure. An event stands out from that tail. An exponential through
 the upper quartile and the upper tenth of the sizes gives the size that no row is expected to reach by chance.
+The same holds for the largest size of each period, and the larger limit counts.
 Near reversals models miss more than elsewhere, so these rows have their own spread and tail.
 """
 
@@ -18,6 +19,8 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 
 Event = dict[str, Any]
 
+#: Rows in a period of the common cut-off, which share noise and structure.
+_PERIOD = 4
 #: Shares of the rows that define the tail; expected number of chance events of a joint in all runs.
 _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Size at an event's ends [robust standard deviations]; longest event and longest gap within one [s]; share
@@ -141,8 +144,7 @@ def measure_tails(
         classes = [[k & ~n, k & n] for k, n in zip(kept, near, strict=True)]
         sizes, found[j, 2:] = _measure_sizes([x[:, j] for x in left], kept, classes)
         for c in range(2):
-            own = np.concatenate([size[one[c]] for size, one in zip(sizes, classes, strict=True)])
-            found[j, c] = _find_limit(own) if len(own) else np.inf
+            found[j, c] = _find_limit(sizes, [own[c] for own in classes])
     return found
 
 
@@ -206,8 +208,7 @@ def _stand_out(
     for _ in range(FITS):
         # Events distort the tail that they are judged by, so the next pass leaves them out.
         for c in range(2):
-            rest = np.concatenate([size[own[c]] for size, own in zip(sizes, calm, strict=True)])
-            limits[c] = min(limits[c], _find_limit(rest)) if len(rest) else np.inf
+            limits[c] = min(limits[c], _find_limit(sizes, [own[c] for own in calm]))
         over = [
             (own[0] & (size > limits[0])) | (own[1] & (size > limits[1]))
             for size, own in zip(sizes, classes, strict=True)
@@ -227,8 +228,25 @@ def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
     return float(np.ptp(signal.detrend(added[near])))
 
 
-def _find_limit(size: np.ndarray) -> float:
-    """Size that no row is expected to reach by chance, from the tail of all rows."""
+def _find_limit(sizes: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> float:
+    """Size that no row is expected to reach by chance, from the tails of all rows and of periods.
+
+    What a model misses at a reversal fills a few rows, and the tail of all rows does not show how it differs
+    from one reversal to the next: that of each period's largest size does.
+    """
+    every, periods = [np.zeros(0)], [np.zeros(0)]
+    for size, own in zip(sizes, counts, strict=True):
+        at = np.flatnonzero(own)
+        every.append(size[at])
+        first = np.flatnonzero(np.diff(at // _PERIOD, prepend=-1))
+        periods.append(np.maximum.reduceat(size[at], first) if len(at) else size[at])
+    return max(_extrapolate(np.concatenate(every)), _extrapolate(np.concatenate(periods)))
+
+
+def _extrapolate(size: np.ndarray) -> float:
+    """Size that none of so many draws is expected to reach: an exponential through their upper tail."""
+    if not len(size):
+        return np.inf
     upper, top = np.quantile(size, [1.0 - _UPPER, 1.0 - _TOP])
     mean = (top - upper) / np.log(_UPPER / _TOP)
     return float(top + mean * np.log(max(_TOP * len(size), 1.0) / _CHANCE))
