@@ -25,7 +25,7 @@ from wearscope.tracking.evidence import (
     measure_scatter,
     prior_scatter,
 )
-from wearscope.tracking.rows import RunRows, make_rows
+from wearscope.tracking.rows import RunRows, make_rows, scatter_columns
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame, read_reference
 from wearscope.tracking.structure import Belief, Scales, Structure
@@ -305,19 +305,19 @@ def hold_structure(diagnosis: Diagnosis, model: Regression) -> Structure:
 def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
     """Sizes of the torques along the training runs; what autocorrelation adds to a block's sum of the noise.
 
-    The latter is the largest of those of an offset, of Coulomb and of viscous friction.
+    The latter is the largest of those of an offset, of Coulomb and of viscous friction. What healthy sessions
+    differ in is no noise: it has random effects of its own.
     """
+    train = [make_rows(structure, run) for run in diagnosis.prepared.runs_for("train")]
     size, count, left = np.zeros((3, structure.n)), np.zeros(structure.n), np.zeros(structure.n)
     together, apart = np.zeros((3, structure.n)), np.zeros((3, structure.n))
-    for run in diagnosis.prepared.runs_for("train"):
-        rows = make_rows(structure, run)
-        signals, keep = rows.signals, rows.weights > 0
+    for rows, residual in zip(train, leave_scatter(structure, train), strict=True):
+        run, signals, keep = rows.run, rows.signals, rows.weights > 0
         friction = np.zeros_like(signals.q)
         for entry, span in zip(structure.entries, structure.spans, strict=True):
             if entry.effect.is_friction:
                 friction += entry.columns(signals) @ structure.theta[span]
         predicted = rows.columns[..., : structure.count] @ structure.theta
-        residual = (rows.target - predicted) * keep
         speed, sign = run.reduce(signals.v), run.reduce(signals.sign)
         torque = run.reduce(run.known) + predicted
         for k, x in enumerate((run.reduce(friction), torque, speed)):
@@ -332,6 +332,20 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
     memory = np.maximum((together / np.maximum(apart, 1e-300)).max(axis=0), 1.0)
     friction = np.maximum.reduce([friction, _LEAST_FRICTION * torque, _LEAST_OF_NOISE * white])
     return Scales(friction, np.maximum(torque, friction), np.maximum(speed, 1e-9), white * np.sqrt(memory))
+
+
+def leave_scatter(structure: Structure, made: Sequence[RunRows]) -> list[np.ndarray]:
+    """Residual (M, n) of each run's rows that count, without what its session differs in from the others."""
+    left = [(r.target - r.columns[..., : structure.count] @ structure.theta) * (r.weights > 0) for r in made]
+    columns = [scatter_columns(structure, r) * (r.weights > 0)[:, :, None] for r in made]
+    for session in dict.fromkeys(r.run.session for r in made):
+        own = [k for k, r in enumerate(made) if r.run.session == session]
+        for j in structure.moving:
+            x = np.concatenate([columns[k][:, j] for k in own])
+            theta = np.linalg.lstsq(x, np.concatenate([left[k][:, j] for k in own]), rcond=1e-8)[0]
+            for k in own:
+                left[k][:, j] -= columns[k][:, j] @ theta
+    return left
 
 
 def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray) -> Belief:
