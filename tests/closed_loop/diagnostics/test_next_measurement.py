@@ -1,5 +1,8 @@
 """What a further run would tell: against brute force, and followed on a machine with a planted effect."""
 
+from dataclasses import replace
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from benchmarks.board.advice import list_advice_cases, run_advice_case, summaris
 from benchmarks.board.generate import generate_dataset
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.next_measurement import (
+    FASTER,
     list_payloads,
     plan_measurements,
     planning_model,
@@ -90,6 +94,23 @@ def test_the_advice_widens_the_angle_and_is_written_as_a_cycle(diagnosis, tmp_pa
         assert (tmp_path / "next_measurement_1.csv").is_file() and "Record" in page
     else:
         assert not list(tmp_path.iterdir()) and "None of the" in page
+
+
+def test_planned_speeds_keep_to_the_urdf(diagnosis, tmp_path):
+    """A joint's planned speed is 1.5 times the recorded one, but not above a stated limit that it kept to."""
+    prepared, before = diagnosis.prepared, diagnosis.models["before"]
+    recorded = np.array(before.drive.speed_limit) / 1.1
+    text = prepared.dataset.urdf.read_text(encoding="utf-8")
+    for factor, expected in ((1.2, 1.2), (0.5, 1.0), (9.0, FASTER)):
+        tree = ElementTree.fromstring(text)
+        for joint, speed in zip(before.joints, recorded, strict=True):
+            tree.find(f"joint[@name='{joint}']/limit").set("velocity", f"{factor * speed:.17g}")
+        (tmp_path / "robot.urdf").write_text(ElementTree.tostring(tree, encoding="unicode"), encoding="utf-8")
+        fields = prepared.dataset.fields.robot.model_copy(update={"urdf": "robot.urdf"})
+        fields = prepared.dataset.fields.model_copy(update={"robot": fields})
+        limited = replace(prepared, dataset=replace(prepared.dataset, folder=tmp_path, fields=fields))
+        planned = planning_model(limited, before).drive.speed_limit
+        np.testing.assert_allclose(planned, expected * recorded, rtol=1e-9)
 
 
 def test_following_the_advice_names_the_planted_effect(case, tmp_path):

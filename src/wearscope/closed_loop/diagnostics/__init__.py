@@ -1,1 +1,1 @@
-"""Examinations in addition to the verdict."""
+"""Diagnostics after the search: what is left at each joint, forward simulation, what to measure next."""

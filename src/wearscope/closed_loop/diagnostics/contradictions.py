@@ -1,4 +1,4 @@
-"""Training runs that no one model explains: in some a torque acts from outside, or the machine differs."""
+"""Training runs that one model cannot explain together: an outside torque acts, or the machine differs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ import numpy as np
 
 from wearscope.closed_loop.model.regression import Regression
 
-#: Runs contradict the others where their error (RMS), left out of the fit, is this many times that of the
-#: fitted runs, and where leaving them out lowers the error of the fitted runs to this share.
+#: Runs that are left out of a fit contradict the fitted runs where their error (RMS) is more than the first
+#: number times the fitted runs' error, and where leaving them out lowers the latter below the second share.
 _APART, _QUIETER = 3.0, 0.7
 
 
@@ -20,7 +20,7 @@ class Contradiction:
     ----------
     files : list of str
     share : float
-        Of the joint's residual variance in the training runs that goes with them.
+        Share of the joint's residual variance in the training runs that vanishes without these runs.
     """
 
     files: list[str]
@@ -28,11 +28,11 @@ class Contradiction:
 
 
 def find_contradictions(model: Regression) -> dict[int, Contradiction]:
-    """By joint, training runs that a model fitted to the others misses by far.
+    """Training runs, by joint, that a model fitted to the other runs misses by far.
 
-    Without them the others are fitted better. Half of the recordings at most can contradict the others, and
-    two must be left. Noise that is larger in one run is no contradiction: it changes as much more from row
-    to row.
+    Without them the others are fitted better. At most half of the recordings can contradict the others, and
+    at least two others must be left. A run that is only noisier is no contradiction: its residual also
+    changes more from row to row.
 
     Parameters
     ----------
@@ -48,11 +48,11 @@ def find_contradictions(model: Regression) -> dict[int, Contradiction]:
 
 
 def _compare(model: Regression, j: int) -> Contradiction | None:
-    """The loudest recordings at a joint, where they contradict the others; None where none do."""
+    """The recordings with the largest residuals at a joint, if they contradict the others; else None."""
     runs = model.prepared.runs_for("train")
 
     def leave(files: Sequence[str]) -> dict[str, np.ndarray]:
-        """Residual by recording of the model that is fitted to some of them."""
+        """Residuals by recording, of the model fitted to the recordings `files`."""
         theta = model.solve(np.array([runs[block.run].file in files for block in model.blocks]))
         left: dict[str, list[np.ndarray]] = {}
         for run, x, y in zip(runs, model.columns, model.target, strict=True):

@@ -1,4 +1,4 @@
-"""What a correction changes of each joint's error, and whether the residual is judged."""
+"""Change of each joint's test error by the correction, and whether its residual can be judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,14 +25,14 @@ class ErrorChange:
     Attributes
     ----------
     error : str or None
-        What became of it: ``smaller`` or ``larger`` where the whole interval of `change` lies on one side of
-        zero by more than rounding; None where no row counts.
+        ``smaller`` or ``larger`` where the whole interval of `change` lies on one side of zero by more than
+        rounding, ``same`` otherwise; None where no row counts.
     change : float
-        Of the RMS error [%], from the declared model refitted to the corrected one.
+        Change of the RMS error [%], from the declared model refitted to the corrected one.
     interval : tuple of (float, float)
-        Its 95 % interval, by resampling blocks of rows, the same ones for both models.
+        95 % interval of `change`, by resampling the same blocks of rows for both models.
     torque : float
-        RMS of the measured torque, gravity's part included.
+        RMS of the measured torque, gravity's part included [N m or N].
     share : float
         Error of the corrected model over `torque`.
     """
@@ -45,7 +45,7 @@ class ErrorChange:
 
 
 def measure_error_change(prepared: Prepared, predicted: Sequence[Predicted]) -> list[ErrorChange]:
-    """What became of each joint's error, on the rows of the test runs that count."""
+    """Change of each joint's error on the counted rows of the test runs."""
     test = [p for p in predicted if p.run.use == "test"]
     before, after = (
         [(p.run.measured - getattr(p, s), p.run.keep) for p in test] for s in ("before", "after")
@@ -69,11 +69,11 @@ def measure_error_change(prepared: Prepared, predicted: Sequence[Predicted]) -> 
 def withhold_judgement(
     prepared: Prepared, states: Sequence[JointState], error_changes: Sequence[ErrorChange]
 ) -> list[JointState]:
-    """States of the joints, ``not_judged`` where the test runs cannot speak for one.
+    """States of the joints, ``not_judged`` where the test runs allow no judgement.
 
-    Noise and structure are told apart in the training runs. That says nothing of a model's worth where no
-    row of the test runs counts, or where the model misses more than half of the torque: what is left is then
-    larger than anything that a test of whiteness could find in it. Structure that is seen is still said.
+    The training runs show whether a residual is noise. That does not make a model good where no row of the
+    test runs counts, or where the model misses more than half of the torque: the residual is then larger than
+    any structure that a test could find in it. A joint with visible structure stays ``unexplained``.
     """
     judged = []
     for state, one in zip(states, error_changes, strict=True):

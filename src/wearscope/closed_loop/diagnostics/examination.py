@@ -1,4 +1,4 @@
-"""What the page has in addition to the verdict: profiles of the residual, forward simulation."""
+"""What the report shows beyond the verdict: residual profiles, forward simulation, the next measurement."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -113,7 +113,7 @@ def _list_estimates(diagnosis: Outcome) -> list[dict[str, Any]]:
 
 
 def _by_joint(table: pd.DataFrame, columns: list[str]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Columns of a table by joint and stage, as JSON has them."""
+    """Values of a table's columns for JSON, nested by joint and stage."""
     nested: dict[str, dict[str, dict[str, Any]]] = {}
     for row in table.to_dict("records"):
         values = {name: _plain(row[name]) for name in columns}

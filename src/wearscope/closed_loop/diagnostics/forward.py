@@ -1,4 +1,4 @@
-"""The models before and after, simulated forward along the measured motion against the recording."""
+"""Forward simulation of the models before and after along the measured motion, against the recording."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -71,10 +71,11 @@ def compare_forward(
 ) -> pd.DataFrame:
     """Simulate both models along every test run under the same controller.
 
-    The controller follows the measured motion. For the torque it feeds forward what the model before needs,
-    so that it owes nothing to the measured torque. For the motion it feeds forward the motor torque that was
-    measured, as the model says the sensor reads it: a model that is right then stays on the measured motion.
-    Torques are compared at the common bandwidth, on the rows that count; positions at all rows.
+    The controller follows the measured motion in two simulations. For the torque's error it feeds forward the
+    torque of the model before, so that no measured torque enters. For the motion's error it feeds forward the
+    measured motor torque, without the sensor errors that the model has: a correct model then stays on the
+    measured motion. Torques are compared at the common bandwidth, on the rows that count; positions at all
+    rows.
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def compare_forward(
 
 
 def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:
-    """The model for recordings whose torque channels were shifted by their delays."""
+    """The model with the delays that remain after the recordings' torque channels were moved."""
     if not prepared.dataset.delays:
         return model
     fields = model.to_mapping()
@@ -134,8 +135,8 @@ def _move_back(model: RobotModel, prepared: Prepared) -> RobotModel:
 def _simulate_run(
     prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], reference: Reference
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], np.ndarray, dict[str, str]]:
-    """Simulated torque and motion error by stage, the rows that count, and how it went."""
-    # The simulator brings PyBullet and compiled code with it.
+    """Simulated torque and motion error by stage, mask of the rows that count, and outcome by stage."""
+    # Imported here, since the simulator loads PyBullet and compiled code.
     from wearscope.simulation.study import simulate_forward
 
     count = len(reference.t)
@@ -173,7 +174,7 @@ def _simulate_run(
 def _find_stops(
     simulate: Callable[[RobotModel], Any], declared: RobotModel, model: RobotModel
 ) -> Iterator[str]:
-    """Effects that the declared model lacks, each with its joint, without which a model can be simulated."""
+    """Effects (with joints) that the declared model lacks and without which a model can be simulated."""
     known = {(one.effect, one.joint) for one in declared.effects}
     effects = model.to_mapping()["effects"]
     for entry in (one for one in effects if (one["effect"], one["joint"]) not in known):
@@ -189,7 +190,7 @@ def _tell_stops(stops: Sequence[str]) -> str:
 
 
 def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
-    """Torque (N, n) of the motors where a model's sensors read what was measured."""
+    """Motor torque (N, n) of which a model's sensors would read the measured torque."""
     from wearscope.simulation.plant import build_plant
 
     plant = build_plant(model)
@@ -199,7 +200,7 @@ def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
 
 
 def mean_temperature(run: PreparedRun) -> np.ndarray:
-    """What the controller assumes: a joint's mean temperature, 50 where it is not measured."""
+    """Temperatures (n,) that the controller assumes [deg C]: a run's means, 50 where none is measured."""
     mean = run.signals.temperature.mean(axis=0)
     return np.where(np.isfinite(mean), mean, 50.0)
 

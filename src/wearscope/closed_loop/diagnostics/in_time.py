@@ -1,8 +1,9 @@
-"""Residuals over time: their level shifts at a moment, or runs share a line of the spectrum.
+"""Tests of residuals over time: a shift of the level, and a spectral line that all runs share.
 
-Noise with a memory wanders: the best placed step, and the best sine, hold much of it. So both are compared
-with what wanders too, in the residual made white by an autoregression: there a step is a lone pulse (Tsay
-1988, Journal of Forecasting 7: level shifts in time series), and a line that bends models what drifts.
+Autocorrelated noise wanders, so that the best placed step, or the best sine, explains much of it. Both are
+therefore tested on the residual whitened by an autoregression, where a step is a single pulse (Tsay 1988,
+Journal of Forecasting 7: level shifts in time series). A step must also fit better than a bent line, which
+models a drift.
 """
 
 from collections.abc import Sequence
@@ -13,9 +14,10 @@ from scipy import stats
 
 from wearscope.closed_loop.inference.series import average, bend_line, cut_knocks, find_whitening, leave
 
-#: Fewest rows for a test; rows to which more are averaged, for a shift of level and for a spectral line.
+#: Fewest rows for a test; longer residuals are averaged to about so many rows, for a shift of level and for a
+#: spectral line.
 _FEWEST, _SHIFT_ROWS, _LINE_ROWS = 100, 200, 600
-#: Shortest level [rows]; number of places, or frequencies, that are compared with the best.
+#: Shortest level [rows]; number of places, or frequencies, that are tried around the best one.
 _SHORTEST, _NEAR = 5, 4
 #: Numbers of bends of the piecewise linear functions that a shift is compared with.
 _BENDS = (1, 4)
@@ -32,13 +34,14 @@ class Shift:
     Attributes
     ----------
     deviance : float
-        By which it fits better than a level, and than a line that bends: twice the log-likelihood ratio,
-        negative where a line fits better.
+        Twice its log-likelihood ratio against the best of a constant level and bent lines; negative where one
+        of these fits better.
     share : float
-        Of the residual's variance that it holds.
+        Share of the residual's variance that it explains.
     time : float
-        [s]
+        Time of the step [s].
     size : float
+        Change of the level, in the residual's unit.
     """
 
     deviance: float
@@ -59,7 +62,7 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
     """
     if len(x) < _FEWEST or not np.ptp(x) > 0.0:
         return None
-    # The common filter makes a step three rows long.
+    # The common filter spreads a step over three rows.
     t, x = average(max(3, len(x) // _SHIFT_ROWS), t, x)
     x = cut_knocks(x)
     if not np.ptp(x) > 0.0:
@@ -83,17 +86,17 @@ def fit_shift(t: np.ndarray, x: np.ndarray) -> Shift | None:
 
 @dataclass(frozen=True)
 class Line:
-    """A line that runs have in common.
+    """A spectral line that runs have in common.
 
     Attributes
     ----------
     frequency : float
         [Hz]
     share : float
-        Of the residuals' power that it holds, mean over the runs.
+        Share of the residuals' power that it explains, mean over the runs.
     p_value : float
-        Of an autoregression with a sine, in all runs together, against one fitted without it, as noise with a
-        memory has much power at low frequencies; corrected for the number of frequencies that are tried.
+        p-value of an autoregression with a sine against one without, over all runs, corrected for the number
+        of frequencies tried. The autoregression is needed since noise may have much power at low frequencies.
     """
 
     frequency: float
@@ -102,14 +105,14 @@ class Line:
 
 
 def find_line(residuals: Sequence[np.ndarray], rate: float) -> Line | None:
-    """The spectral line that fits all runs' residuals best, at any phase in each; None of too few rows.
+    """The spectral line that fits all runs' residuals best, its phase free in each; None with too few rows.
 
     Parameters
     ----------
     residuals : sequence of ndarray (N_r,)
-        Of each run.
+        Residual of each run.
     rate : float
-        [Hz]
+        Rate of the rows [Hz].
     """
     parts = [_average(x, rate) for x in residuals if len(x) >= _FEWEST and np.ptp(x) > 0.0]
     parts = [(t, x) for t, x in parts if np.ptp(x) > 0.0]
@@ -137,7 +140,7 @@ def find_line(residuals: Sequence[np.ndarray], rate: float) -> Line | None:
 
 
 def hold_waves(t: np.ndarray, x: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """Share (K,) of a series' power (M,) at times (M,) [s] that a sine of each frequency [Hz] holds."""
+    """Share (K,) of a series' power (M,) at times (M,) [s] that a sine of each frequency [Hz] explains."""
     shares = []
     for some in np.array_split(frequencies, -(-len(frequencies) // _AT_ONCE)):
         waves = make_waves(t, some)
@@ -149,7 +152,7 @@ def hold_waves(t: np.ndarray, x: np.ndarray, frequencies: np.ndarray) -> np.ndar
 
 
 def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and means of equal stretches of a residual, without its mean and knocks."""
+    """Times [s] and means of equal stretches of a residual, less its mean and with knocks cut."""
     every = max(1, len(x) // _LINE_ROWS)
     (mean,) = average(every, x)
     return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())

@@ -1,4 +1,4 @@
-"""A load that is not as declared: in some runs only, or one that the runs do not settle."""
+"""Notes on a load that is not as declared: in some runs only, or one that the runs do not determine."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,23 +20,23 @@ from wearscope.effects.vocabulary import session_effects
 _MOST = 0.5
 #: A payload may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
-#: Refitted masses are told as a load where they add more than this share of a joint's torque (RMS): it is
-#: assumed that a URDF's masses may be wrong by as much.
+#: Refitted masses are reported as a load where they add more than this share of a joint's torque (RMS). A
+#: URDF's masses may well be wrong by as much.
 _USUAL = 0.1
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
-#: Singular values of a run's load, over the largest one, that count.
+#: Least singular value of a run's load columns that counts, over the largest one.
 _SEEN = 1e-3
-#: Columns of a load, residual, and columns of a model, over rows.
+#: Columns of a load (R, P), residual (R,) and columns of a model (R, M) in one half of a run.
 _Half = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regression) -> list[str]:
-    """A sentence where what a model leaves is most of all a load of each run's own; else nothing.
+    """A sentence where loads that differ between runs explain most of a model's residual; else nothing.
 
-    A load that is fitted to one half of a run must predict what is left of the other half, better than the
-    load of all other runs does. The model's own coefficients are fitted again with such loads, as they hold
-    part of them.
+    A load that is fitted to one half of a run must predict the residual of the other half better than the
+    load of all other runs does. The model's own coefficients are refitted together with such loads, since
+    they absorbed part of them.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
-        # Up to the first digit of the error.
+        # As many decimals as the interval's first significant digit needs.
         decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))
         low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
         told = (
@@ -109,7 +109,7 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
 
 
 def tell_payload(after: Regression) -> list[str]:
-    """A sentence where a payload does nearly all that masses refitted unusually far do; else nothing.
+    """A sentence where a payload explains nearly as much as masses refitted unusually far; else nothing.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _gather(
     files: Sequence[str],
     after: Regression,
 ) -> list[list[_Half]]:
-    """By file and half of its time: columns of a load (R, P), residual (R,), and columns of the model."""
+    """Arrays of each file's first and second half in time, as `_Half` has them, over the residual's scale."""
     last = prepared.n - 1
     left = [p.run.measured - p.after for p in predicted]
     keep = [p.run.keep & prepared.moving for p in predicted]
@@ -193,7 +193,7 @@ def _gather(
 
 
 def _fit_again(after: Regression, halves: Sequence[_Half]) -> np.ndarray:
-    """Change (M,) of a model's coefficients where each half run has a load of its own."""
+    """Change (M,) of a model's coefficients that are refitted with a load of its own for each half run."""
     normal, right = after.prior.copy(), np.zeros(after.p)
     for load, left, model in halves:
         basis, sizes, _ = np.linalg.svd(load, full_matrices=False)

@@ -32,29 +32,35 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.urdf import OPEN_LIMIT, parse_urdf
 from wearscope.storage import tables
 
-#: Reach of planned motions over that of the recorded ones, from the middle of the range and within the URDF's
-#: limits; the same ratio of speeds.
+#: Range of planned motions over the recorded range, about its middle and within the URDF's limits; speed of
+#: planned motions over the recorded speed.
 STRETCH, FASTER = 2.0, 1.5
 #: Number of runs of each plan that is assumed when plans are compared.
 _COMPARED = 3.0
-#: Motions that are compared with every payload and temperature.
+#: Number of motions that are compared with every payload and temperature.
 _REFINED = 3
+#: Number of draws of each kind of random motion.
+_SEEDS = 3
 
 
 def planning_model(prepared: Prepared, model: RobotModel) -> RobotModel:
-    """Model whose limits are what a planned motion may use.
+    """Model with the limits that a planned motion may use.
 
-    The recorded range stretched by `STRETCH` about its middle within the URDF's position limits; `FASTER`
-    times the recorded speed and acceleration, within the URDF's speed limit where it states one.
+    The range is the recorded one stretched by `STRETCH` about its middle, within the URDF's position limits.
+    Speed and acceleration are `FASTER` times the recorded ones, the speed within the URDF's limit if it
+    states one.
     """
     joints = {joint.name: joint for joint in parse_urdf(prepared.dataset.urdf).joints}
     drive = model.drive.model_dump(exclude_none=True)
     lower, upper = np.array(model.lower), np.array(model.upper)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     low, high = middle - STRETCH * half, middle + STRETCH * half
-    speed = FASTER * np.array(drive["speed_limit"]) / 1.1
+    # The model's limits are the recorded values with a margin of 10 %.
+    recorded = np.array(drive["speed_limit"]) / 1.1
+    speed = FASTER * recorded
     for j, name in enumerate(model.joints):
         stated = joints[name]
+        speed[j] = min(speed[j], max(stated.velocity, recorded[j]))
         if -OPEN_LIMIT < stated.lower < stated.upper < OPEN_LIMIT:
             low[j] = min(max(low[j], stated.lower), lower[j])
             high[j] = max(min(high[j], stated.upper), upper[j])
@@ -67,22 +73,12 @@ def planning_model(prepared: Prepared, model: RobotModel) -> RobotModel:
     return model.replace(drive=drive, lower=low.tolist(), upper=high.tolist(), home=home.tolist())
 
 
-def list_motions(joints: Sequence[int], joint: int, seeds: int = 3) -> list[PlannedMotion]:
-    """Motions to compare for a term at a joint.
-
-    Parameters
-    ----------
-    joints : sequence of int
-        Those that move in the recordings.
-    joint : int
-    seeds : int
-        Of drawn motions.
-    """
+def list_motions(joints: Sequence[int], joint: int) -> list[PlannedMotion]:
+    """Motions to compare for a term at a joint; `joints` are those that move in the recordings."""
     made = [
-        PlannedMotion(kind, who, seed, pace, size, SECONDS)
+        PlannedMotion(kind, None, seed, pace, size, SECONDS)
         for kind in ("fourier", "points")
-        for who in (None,)
-        for seed in range(seeds)
+        for seed in range(_SEEDS)
         for pace, size in ((1.0, 1.0), (0.4, 1.0), (1.0, 0.4))
     ]
     for kind in ("sweeps", "postures", "strokes"):
@@ -111,9 +107,9 @@ def list_plans(
     ----------
     prepared : Prepared
     model : RobotModel
-        Of `planning_model`.
+        From `planning_model`.
     joints : sequence of int
-        Those of the terms.
+        Joints of the terms that have rivals.
     payloads : sequence of PayloadFields or None
     temperatures : list of float
         At the start [deg C].
@@ -163,10 +159,10 @@ def plan_measurements(
 ) -> list[NextMeasurement]:
     """For each term that has equivalents, the run that tells them apart best.
 
-    Every plan is judged by the least expected evidence between the named effect and another name, whichever
-    of the two is the truth, all else refitted: the runs so far and the new ones together (Atkinson and
-    Fedorov, Biometrika 62, 1975, for the worst pair). The number of runs is the least that
-    tells them apart with probability `POWER`, `MOST_RUNS` at most.
+    Every plan is judged by the pair of the named effect and another name that has the least expected
+    evidence, whichever of the two is the truth (Atkinson and Fedorov, Biometrika 62, 1975). The runs so far
+    and the new ones count together, and all other terms are refitted. The number of runs is the least that
+    tells the names apart with probability `POWER`, `MOST_RUNS` at most.
 
     Parameters
     ----------
@@ -215,10 +211,12 @@ class _Comparison:
     rivalry : Rivalry
     joint : int
     count : int
-        Plans compared.
+        Number of plans compared.
     values : dict of str to float
-        Standard errors by which the runs of a motion tell the names apart.
+        By motion, the standard errors by which its runs tell the names apart.
     best : tuple of (Plan, Sums) or None
+    most : float
+        The same standard errors of the best plan.
     """
 
     rivalry: Rivalry
@@ -245,10 +243,8 @@ class _Comparison:
 
 def _compare(comparisons: Sequence[_Comparison], prepared: Prepared, plans: Iterator[Plan]) -> None:
     """Compare plans for every term that they are meant for; each plan is evaluated once."""
-    model, effects = (
-        comparisons[0].rivalry.model,
-        [name.effect for one in comparisons for name in one.rivalry.names],
-    )
+    model = comparisons[0].rivalry.model
+    effects = [name.effect for one in comparisons for name in one.rivalry.names]
     for plan in plans:
         run = make_planned_run(prepared, plan.reference, plan.payload, plan.temperature)
         if len(run.t) < 40:

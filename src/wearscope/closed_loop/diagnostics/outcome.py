@@ -38,15 +38,15 @@ class Attribution:
     ----------
     term : ModelTerm
     share : float
-        Of its joint's held-out loss that it removes.
+        Share of its joint's held-out loss that it removes.
     probability : float
-        Of its name, among all that were tried in its place and none.
+        Probability of its name against all others that were tried in its place, and against none.
     equivalent : list of str
         Other names in its confidence set.
     marked : Marked
-        What the test runs say.
+        Its status by the test runs.
     withdrawn : str
-        Why the corrected model does not have it; empty where it does.
+        Why the corrected model lacks it; empty where it has it.
     """
 
     term: ModelTerm
@@ -77,13 +77,13 @@ class Outcome:
         make no joint's error on the test runs larger (`withdraw_worse`).
     problem : Problem
     answer : Answer
-        The search's.
+        Answer of the search.
     contradictions : dict of int to Contradiction
         By joint, training runs that contradict the others.
     impossible : list of Impossible
         Parameters beyond what is possible, which are held at the limit.
     helped : list of ModelTerm
-        Inertias of joints that a named body would harm; they are no names.
+        Inertias added at joints whose error a named body alone makes larger; they are no names.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose rows are left out.
     late : sequence of Attribution
@@ -106,7 +106,7 @@ class Outcome:
 
     @property
     def candidates(self) -> pd.DataFrame:
-        """Every candidate conditional on the first and on the last model."""
+        """Table of every candidate, as scored next to the first and next to the last model."""
         return self.answer.candidates
 
     @cached_property
@@ -116,12 +116,12 @@ class Outcome:
 
     @cached_property
     def error_changes(self) -> list[ErrorChange]:
-        """What became of each joint's error."""
+        """Change of each joint's error on the test runs."""
         return measure_error_change(self.prepared, self.predicted)
 
     @cached_property
     def states(self) -> list[JointState]:
-        """What is left at each joint."""
+        """State of each joint, by what the corrected model leaves there."""
         here = [a.term for a in self.attributions if a.kept]
         gone = [(a.term, a.share, a.withdrawn) for a in self.attributions if not a.kept]
         left = self.answer.left | {
@@ -137,7 +137,7 @@ class Outcome:
 
     @cached_property
     def notes(self) -> list[str]:
-        """On loads, limits and names that are too uncertain, and on parameters beyond what is possible."""
+        """Sentences on loads, limits, names that are too uncertain, and impossible parameters."""
         joints, here = self.prepared.dataset.joints, [a.term for a in self.attributions if a.kept]
         notes = tell_loads(self.prepared, self.predicted, self.after) + tell_limits(
             self.answer.limits, joints

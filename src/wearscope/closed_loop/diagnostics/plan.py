@@ -1,6 +1,6 @@
-"""A run that could be recorded, and what it promises."""
+"""A planned run with its signals, and what recording it would show."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,11 +9,10 @@ from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.saturation import keep_lasting, spread_out
-from wearscope.closed_loop.intake.sources import is_carried
+from wearscope.closed_loop.intake.sources import is_carried, rigid_body_of
 from wearscope.cycles.base import Reference
 from wearscope.cycles.planned import PlannedMotion
 from wearscope.effects.base import Signals
-from wearscope.robots.dynamics import Payload, RigidBody
 
 #: Length of a generated motion [s], pause between its moves [s].
 SECONDS, DWELL = 30.0, 0.1
@@ -32,11 +31,11 @@ class Plan:
     Attributes
     ----------
     cycle : str
-        Name of a test-cycle.
+        Name of the motion or test-cycle.
     motion : PlannedMotion or None
-        Where it was generated.
+        The generated motion; None for a test-cycle.
     reference : Reference
-        At the rate of the filtered recordings.
+        Motion at the rate of the filtered recordings.
     payload : PayloadFields or None
     temperature : float
         At the start [deg C]; NaN where it is not recorded.
@@ -60,18 +59,18 @@ class NextMeasurement:
     ----------
     joint : str
     names : list of str
-        The named effect and what it cannot be told from.
+        The named effect and its equivalents.
     plan : Plan
     runs : int
-        To record.
+        Number of runs to record.
     power : float
-        Probability of telling the names apart with them.
+        Probability that these runs tell the names apart.
     angle_before, angle_after : float
-        Between the two names that are most alike, on the runs so far and with the new ones [deg].
+        Angle between the two names that are most alike, on the runs so far and with the new ones [deg].
     evidence_before, evidence_after : float
         Expected difference of their losses [residual variances].
     tried : int
-        Plans compared.
+        Number of plans compared.
     """
 
     joint: str
@@ -86,7 +85,7 @@ class NextMeasurement:
     tried: int
 
     def to_mapping(self) -> dict[str, Any]:
-        """As ``verdict.json`` has it."""
+        """Fields of ``verdict.json``."""
         plan = self.plan
         payload = None if plan.payload is None else {"mass": plan.payload.mass, "com": plan.payload.com}
         return {
@@ -107,7 +106,7 @@ class NextMeasurement:
 
 
 def list_payloads(prepared: Prepared) -> list[PayloadFields | None]:
-    """Payloads that are at hand: those of the recordings, then none."""
+    """Payloads that are at hand: those of the recordings, and no payload."""
     found: list[PayloadFields | None] = []
     for run in prepared.dataset.runs:
         if not any(_alike(run.payload, one) for one in found):
@@ -135,7 +134,7 @@ def list_temperatures(prepared: Prepared) -> list[float]:
 
 #: A joint counts as at rest below this share of its highest recorded speed.
 _REST = 0.01
-#: File that a planned run is given.
+#: File name of a planned run.
 PLANNED = "planned"
 
 
@@ -147,7 +146,7 @@ def make_planned_run(
     Parameters
     ----------
     prepared : Prepared
-        Of the recordings: band, widths of the friction's reversal, robot.
+        The recordings, which give band, reversals and robot.
     reference : Reference
         Sampled at the band's rate.
     payload : PayloadFields or None
@@ -155,11 +154,7 @@ def make_planned_run(
         Of all joints [deg C]; NaN where the recordings have none.
     """
     dataset, band = prepared.dataset, prepared.band
-    carried = None
-    if payload is not None:
-        x, y, z = payload.com
-        carried = Payload(payload.mass, (x, y, z))
-    body = RigidBody(prepared.urdf, dataset.joints, tuple(dataset.fields.robot.gravity), carried)
+    body = rigid_body_of(prepared.urdf, dataset, payload)
     top = np.max([np.abs(run.signals.v).max(axis=0) for run in prepared.runs_for("train")], axis=0)
     slow = np.abs(reference.v) < _REST * np.maximum(top, 1e-9)
     width = int(0.5 * band.rate / band.torque)
@@ -186,8 +181,3 @@ def make_planned_run(
     keep = ~(slow | spread_out(rest, width))[at]
     empty = np.zeros((len(range(len(reference.t))[at]), prepared.n))
     return PreparedRun(PLANNED, "train", signals, known.copy(), known, band, keep, empty, reference.t[at])
-
-
-def with_runs(prepared: Prepared, runs: list[PreparedRun]) -> Prepared:
-    """The same data set with other runs."""
-    return replace(prepared, runs=runs)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 BINS = 24
 FEWEST = 5
-"""Rows that a bin needs."""
+"""Fewest rows of a bin."""
 STAGES = ("before", "after")
 CODES = ("q", "qd", "qdd", "load", "temp")
 UNITS = {"n": "1"}

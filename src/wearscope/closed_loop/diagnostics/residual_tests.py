@@ -1,9 +1,10 @@
 """Three tests of what a model leaves at a joint: it follows the motion, differs by run, or changes in time.
 
-Autocorrelated noise does none of these. Held-out runs ask the first question in the search
-(`wearscope.closed_loop.inference.motion_dependence`); what is tested here needs no signal: a motion that is
-repeated, a mean of one sign in every run, other motions of the test runs. No run can say of another one what
-differs between them, but one half of a run can say it of the other half.
+Autocorrelated noise does none of these. Whether a known signal of the motion explains the residual is tested
+in the search (`wearscope.closed_loop.inference.motion_dependence`). The tests here need no signal: the
+residual returns when a motion is repeated, has a mean of one sign in every run, or is larger on the test
+runs' other motions. What differs between runs cannot be predicted from other runs, but from the other half of
+the same run.
 """
 
 from collections.abc import Sequence
@@ -17,12 +18,12 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.series import bridge_uncounted
 from wearscope.closed_loop.intake.prepared import PreparedRun
 
-#: p-value of a mean, or of a difference between runs, over the joints; standard deviations from which
+#: p-value of a mean, or of a difference between runs, over all joints; standard deviations from which the
 #: agreement of two runs is not due to chance.
 LEVEL, _SURE = 0.005, 4.0
-#: Share of a single recording's residual from which a level is reported.
+#: Least share of a single recording's residual that a level must hold to be reported.
 _MOST = 0.7
-#: Ratio of two errors (RMS) from which a model does not carry over to other motions.
+#: Ratio of test to training error (RMS) from which a model does not carry over to other motions.
 _ALIKE = 1.5
 #: Least deviance of shifts of level: in 600 simulated series, noise and drifts reach 25.
 _SHIFTED = 30.0
@@ -32,13 +33,13 @@ _SIGNALS = ("load_{joint}", "qdd_{joint}", "sign_qd_{joint}", "qd_{joint}")
 
 @dataclass(frozen=True)
 class Residual:
-    """What a model leaves of a joint's torque in one run.
+    """Residual of a joint's torque in one run.
 
     Attributes
     ----------
     run : PreparedRun
     torque : ndarray (M,)
-        After the common filter.
+        Residual torque after the common filter.
     keep : ndarray (M,) of bool
         Rows that count.
     """
@@ -49,7 +50,7 @@ class Residual:
 
     @property
     def counted(self) -> np.ndarray:
-        """Torque of the rows that count."""
+        """Residual torque of the rows that count."""
         return self.torque[self.keep]
 
 
@@ -60,7 +61,7 @@ class Seen:
     Attributes
     ----------
     share : float
-        Of its variance.
+        Share of the residual's variance.
     depends_on : list of str
         Signals that it depends on, as far as that is known.
     reason : str
@@ -87,7 +88,7 @@ def see_motion(
     ----------
     train, test : sequence of Residual
     repeats : sequence of (int, int)
-        Training runs that follow the same trajectory.
+        Pairs of training runs, by index, that follow the same trajectory.
     """
     seen = []
     for a, b in repeats:
@@ -132,9 +133,9 @@ def see_runs(train: Sequence[Residual], joint: int, name: str, joints: int) -> l
     train : sequence of Residual
     joint : int
     name : str
-        Of the joint.
+        Name of the joint.
     joints : int
-        At how many it is tested.
+        Number of joints that are tested, by which the p-value is corrected.
     """
     shares, p_values = compare_runs([(_take_signals(one, joint), one.counted) for one in train])
     sure = p_values * joints <= LEVEL
@@ -148,7 +149,9 @@ def see_runs(train: Sequence[Residual], joint: int, name: str, joints: int) -> l
 
 
 def compare_runs(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether slopes differ more between runs than between the halves of a run; those of a drift do not.
+    """Test whether slopes of the residual differ more between runs than between the halves of a run.
+
+    The slopes of a drift do not.
 
     Parameters
     ----------
@@ -160,7 +163,7 @@ def compare_runs(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndar
     ndarray (P,)
         Share of the residual's square that the differences of each column's slope hold.
     ndarray (P,)
-        p-value of the F test of each.
+        p-value of the F test of each column.
     """
     halves = [
         _fit_alone(x[half], y[half])
@@ -203,9 +206,9 @@ def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Pol
     ----------
     train : sequence of Residual
     cut_off : float
-        Of the common filter [Hz]: no torque that is compared has a line above it.
+        Cut-off of the common filter [Hz]; filtered torques have no line above it.
     joints : int
-        At how many it is tested.
+        Number of joints that are tested, by which the p-value is corrected.
     policy : Policy
     """
     seen = []
@@ -220,7 +223,7 @@ def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Pol
         most, _, file = max(found, key=lambda one: one[0].deviance)
         told = f"its level shifts at a moment, surest by {abs(most.size):.3g} at {most.time:.3g} s of {file}"
         seen.append(Seen(share, ["t"], told))
-    # Straight lines across the rows that do not count, at reversals and rests: these may hide a line.
+    # Rows that do not count, at reversals and rests, may hide a spectral line; straight lines bridge them.
     bridged = [bridge_uncounted(one.torque[:, None], one.keep)[:, 0] for one in train]
     line = find_line(bridged, 1.0 / float(np.median(np.diff(train[0].run.t))))
     if line is not None and line.frequency < cut_off and line.p_value * joints <= policy.unknown_level:
@@ -229,18 +232,18 @@ def see_time(train: Sequence[Residual], cut_off: float, joints: int, policy: Pol
 
 
 def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0) -> list[Seen]:
-    """A test error above the training runs' errors, and above their scatter, as of a drift.
+    """A test error that exceeds the training runs' errors by more than their scatter, as with a drift.
 
-    The scatter of few runs hardly tells how far another run may lie. So the limit is at most the largest
-    training error times the squared ratio of unlike errors. Noisier test runs may have a larger error.
+    The scatter of few runs hardly limits the error of a further run. So the limit is at most the largest
+    training error times `_ALIKE` squared. Noisier test runs may have a larger error.
 
     Parameters
     ----------
     train : sequence of Residual
     error : float
-        RMS of the test runs.
+        RMS residual of the test runs.
     noisier : float
-        How many times as noisy the test runs are.
+        Noise of the test runs over that of the training runs; see `compare_noise`.
     """
     test, own = error / noisier, measure_rms(train)
     if not np.isfinite(test) or not own > 0.0 or test < _ALIKE * own:
@@ -257,7 +260,7 @@ def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0
 
 
 def compare_noise(train: Sequence[np.ndarray], test: Sequence[np.ndarray]) -> float:
-    """How many times as noisy the test runs are, at least 1, from residuals (N_r,) before the common filter.
+    """Noise of the test runs over the training runs', at least 1, from residuals (N_r,) without the filter.
 
     It is measured by the median change from sample to sample, to which missing terms hardly contribute.
     """

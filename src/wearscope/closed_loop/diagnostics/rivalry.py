@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from wearscope.closed_loop.diagnostics.plan import with_runs
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.prediction import find_operating_point
@@ -26,7 +25,7 @@ _LAGS = 40
 
 @dataclass(frozen=True)
 class Name:
-    """One of the names, at its joint, with all its shapes and variants."""
+    """One rival name: an effect at its joint, with the shapes and subsets of coefficients to fit."""
 
     effect: Effect
     joint: int
@@ -44,7 +43,7 @@ class Along:
     made: dict[tuple, np.ndarray] = field(default_factory=dict)
 
     def reduce(self, name: Name) -> np.ndarray:
-        """Columns of all shapes of a name; those of a name that two terms have are made once."""
+        """Columns of all shapes of a name; they are made once, even if two terms have it as a rival."""
         key = (name.effect.name, name.joint, name.shapes.tobytes())
         if key not in self.made:
             self.made[key] = reduce_columns(name.effect, name.joint, name.shapes, self.run, self.signals)
@@ -52,27 +51,27 @@ class Along:
 
 
 def look_along(model: Regression, run: PreparedRun, effects: Sequence[Effect]) -> Along:
-    """A planned run under a model, with what some effects need."""
+    """A planned run under a model, with the motor and gear torques that some effects need."""
     every, signals = (*effects, *(entry.effect for entry in model.entries)), run.signals
     if any(isinstance(effect, MeasurementEffect | TransmissionEffect) for effect in every):
         planned = copy(model)
-        planned.prepared = with_runs(model.prepared, [run])
+        planned.prepared = replace(model.prepared, runs=[run])
         (signals,) = find_operating_point(planned)
     return Along(run, signals, model.take_columns(run, signals))
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products of one or several runs' rows.
+    """Gram matrix of one or several runs, and their weighted columns.
 
     Attributes
     ----------
     gram : ndarray (K, K)
-        Of the model's columns, then those of every name's shapes.
+        Products of the model's columns and, after them, those of every name's shapes.
     rows : float
-        Rows that count at the joints where the names are felt.
+        Number of rows that count at the joints where the names act.
     parts : tuple of (float, ndarray (M, n, K))
-        Weighted columns of each run, and how often it is there.
+        How often each run counts, and its weighted columns.
     """
 
     gram: np.ndarray
@@ -94,9 +93,9 @@ class Contrast:
     evidence : float
         Expected difference of the losses [residual variances].
     angle : float
-        Between the name's torque and the other's model [deg].
+        Angle between the name's torque and the other's model [deg].
     residual : ndarray (K,)
-        Coefficients of what is between them.
+        Coefficients of the difference of the two torques.
     """
 
     evidence: float
@@ -105,14 +104,14 @@ class Contrast:
 
 
 class Rivalry:
-    """Names of one term and the model without them, on runs recorded and planned.
+    """Rival names of one term, compared on recorded and planned runs next to the rest of the model.
 
     Parameters
     ----------
     model : Regression
-        With the named term.
+        The model with the named term.
     index : int
-        Of the named term among its entries.
+        Index of the named term among its entries.
     names : list of Name
         The named effect first.
     """
@@ -140,7 +139,7 @@ class Rivalry:
         self.inflation = max(self._measure_inflation(j) for j in self.joints)
 
     def _lay_out(self) -> list[list[slice]]:
-        """Columns of every shape and variant of each name, behind the model's."""
+        """Column span of every shape and subset of each name, after the model's columns; sets `picks`."""
         spans, start = [], len(self.base)
         self.picks: list[list[tuple[int, tuple[int, ...]]]] = []
         for name in self.names:
@@ -188,7 +187,7 @@ class Rivalry:
         return inner + 1e-9 * np.diag(np.maximum(np.diag(inner), 1e-12))
 
     def _fit(self, k: int, score: np.ndarray) -> np.ndarray:
-        """Coefficients (K - P,) of a name's best shape and variant on the recorded runs."""
+        """Coefficients (K - P,) of a name's best shape and subset on the recorded runs."""
         p, gram = len(self.base), self.recorded.gram
         reduced = score[p:] - gram[p:, :p] @ np.linalg.solve(self._inner(gram), score[:p])
         left = self._project(gram)
@@ -223,15 +222,15 @@ class Rivalry:
         return Contrast(evidence, float(angle), np.concatenate([onto, away]))
 
     def worst(self, sums: Sums) -> Contrast:
-        """The least telling contrast between the named effect and another name, either being the truth."""
+        """The contrast of least evidence between the named effect and another, either being the truth."""
         pairs = [(0, k) for k in range(1, len(self.names))] + [(k, 0) for k in range(1, len(self.names))]
         return min((self.contrast(sums, a, b) for a, b in pairs), key=lambda c: c.evidence)
 
     def score(self, sums: Sums, contrast: Contrast) -> float:
         """Standard errors by which held-out losses tell the names apart, beyond those that are needed.
 
-        The standard error of a sum over blocks includes the noise and the uneven spread of the evidence: what
-        only a few blocks show may be chance.
+        The standard error of the sum over blocks includes the noise and the uneven spread of the evidence,
+        since evidence in only a few blocks may be due to chance.
         """
         energy = 0.0
         for count, x in sums.parts:
@@ -259,13 +258,13 @@ class Rivalry:
 
 
 def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Least squares in which directions that the model spans stay near zero."""
+    """Least-squares solution with a small ridge, which keeps directions that the model spans near zero."""
     return np.linalg.solve(inner + np.diag(1e-7 * size + 1e-30), score)
 
 
 def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
-    """Shapes (S, k) and those about them that refining them reaches, within their bounds."""
-    if effect.periodic:  # a wavenumber is known to far less than these factors
+    """Shapes (S, k), and those around them that a refinement may reach, within their bounds."""
+    if effect.periodic:  # a wavenumber is known far more precisely than these factors
         return shapes
     for factors, k in zip(_REFINED, effect.estimated_shapes(), strict=False):
         parameter = effect.shape[k]
@@ -279,7 +278,7 @@ def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
 
 
 def list_names(model: Regression, index: int, equivalent: list[str], effects: list[Effect]) -> list[Name]:
-    """The named effect of a term and the others of its set, with shapes and variants to fit."""
+    """The named effect of a term and its equivalents, with shapes and subsets of coefficients to fit."""
     term = model.entries[index]
     known = {effect.name: effect for effect in effects}
     joined = join_signals(run.signals for run in model.prepared.runs_for("train"))

@@ -69,12 +69,12 @@ def judge_joints(
     after : Regression
         The corrected model.
     named : sequence of ModelTerm
-        Of the corrected model.
+        Named terms of the corrected model.
     left : mapping of int to Left
-        By joint, what the search found and could not take.
+        By joint, structure that the search found and that no term could take up.
     policy : Policy
     withdrawn : sequence of (ModelTerm, float, str)
-        What was named and is not in the corrected model, with its share of the held-out loss, and why.
+        Named terms that the corrected model lacks, each with its share of the held-out loss and the reason.
     """
     theta = after.solve()
     runs = {use: prepared.runs_for(use) for use in ("train", "test")}
@@ -120,21 +120,21 @@ def judge_joints(
 
 
 def list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
-    """Pairs of training runs, among themselves, that follow the same trajectory."""
+    """Pairs of training runs that follow the same trajectory, as indices among the training runs."""
     train = [i for i, run in enumerate(prepared.runs) if run.use == "train"]
     place = {i: k for k, i in enumerate(train)}
     return [(place[a], place[b]) for a, b in find_repeats(prepared) if a in place and b in place]
 
 
 def _from_left(left: Mapping[int, Left], joint: int) -> list[Seen]:
-    """What the search found at a joint and could not take."""
+    """Structure that the search found at a joint and that no term could take up."""
     return [Seen(one.share, one.depends_on, one.reason) for j, one in left.items() if j == joint]
 
 
 def _from_withdrawn(
     prepared: Prepared, withdrawn: Sequence[tuple[ModelTerm, float, str]], joint: int
 ) -> list[Seen]:
-    """Structure in the training runs that a name explains which the test runs do not confirm."""
+    """Structure that a withdrawn name explains in the training runs and not in the test runs."""
     seen = []
     for term, share, why in (one for one in withdrawn if one[0].joint == joint):
         depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))

@@ -1,4 +1,4 @@
-"""What the runs leave undetermined, and which motion would tell it."""
+"""Effects that the runs leave undetermined, and the motion that would show each."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,6 +11,7 @@ from wearscope.effects.effect import PAYLOAD, SLOW_MOTION, TEMPERATURE
 
 #: A Stribeck effect acts below this share of the largest speed.
 _SLOW = 0.05
+#: Least span of a joint's temperatures that shows how friction depends on them [deg C].
 _COLD_SPAN = 10.0
 
 

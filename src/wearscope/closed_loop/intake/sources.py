@@ -60,13 +60,13 @@ class MovingJoints:
     top_speed: np.ndarray
 
 
-def rigid_body_of(urdf: str, dataset: Dataset, run: Run) -> RigidBody:
-    """Rigid body with the payload that a run declares."""
-    payload = None
-    if run.payload is not None:
-        x, y, z = run.payload.com
-        payload = Payload(run.payload.mass, (x, y, z))
-    return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), payload)
+def rigid_body_of(urdf: str, dataset: Dataset, payload: PayloadFields | None) -> RigidBody:
+    """Rigid body of a data set's robot with a payload."""
+    carried = None
+    if payload is not None:
+        x, y, z = payload.com
+        carried = Payload(payload.mass, (x, y, z))
+    return RigidBody(urdf, dataset.joints, tuple(dataset.fields.robot.gravity), carried)
 
 
 def is_carried(dataset: Dataset, payload: PayloadFields | None) -> bool:
@@ -122,7 +122,7 @@ def clean_record(
         cleaned = clean_run(uniform, dataset.joints, where, reach, dataset.accepted)
         notes += cleaned.notes
         lost = mark_losses(cleaned.run)
-        body = rigid_body_of(urdf, dataset, cleaned.run)
+        body = rigid_body_of(urdf, dataset, cleaned.run.payload)
         _add_gravity(dataset, cleaned.run, body)
         sources.append(
             Source(cleaned.run, cleaned.faulty, lost, body, is_carried(dataset, cleaned.run.payload))

@@ -1,1 +1,1 @@
-"""Regression on the signals: terms, fits, predictions, the corrected model."""
+"""Regression of the torque on signals of the motion: terms, fits, predictions, the corrected model."""

@@ -1,4 +1,4 @@
-"""Blocks of the training runs: what is resampled, held out and must agree."""
+"""Blocks of the training runs: the units that are resampled, held out and compared with each other."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -29,7 +29,7 @@ class Block:
 
 @dataclass
 class Folds:
-    """Cross-validation and the parts that must agree.
+    """Cross-validation folds, and the parts between which a fit must agree.
 
     Attributes
     ----------
@@ -69,14 +69,14 @@ def make_blocks(prepared: Prepared) -> list[Block]:
 def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None = None) -> Folds:
     """Folds of whole runs in turn, or of contiguous fifths of a single run, a block apart from the rest.
 
-    Where a joint of a single run moves in one of them only, as when joints move one after the other, each
-    fifth is several stretches of the run, as few as give every joint its share.
+    Where the joints of a single run move one after the other, one contiguous fifth could hold all motion of a
+    joint. Each fifth then consists of several stretches, as few as let every joint move in enough fifths.
 
     Parameters
     ----------
     blocks : list of Block
     files : list of str
-        File of each training run: pieces of one recording are held out together. Of more than
+        File of each training run: pieces of one recording are held out together. With more than
         `_MOST_FOLDS` recordings, several are held out at once.
     motion : ndarray (B, n), optional
         How much of each joint's motion lies in each block.
@@ -96,9 +96,9 @@ def make_folds(blocks: list[Block], files: list[str], motion: np.ndarray | None 
 
 
 def hold_out_fifths(blocks: list[Block], folds: Folds) -> Folds:
-    """Folds that hold out the first to the last fifth of every recording, a block apart from the rest.
+    """Folds that hold out one fifth of every recording at a time, a block apart from the rest.
 
-    They serve for effects that need not be shown along another motion, or that only one recording shows.
+    They are used for effects that need not be shown along another motion, or that only one recording shows.
     """
     parts = _cut(folds.recording, _FIFTHS)
     test = np.array([parts % _FIFTHS == k for k in range(_FIFTHS)])
@@ -116,7 +116,10 @@ def _cut(recording: np.ndarray, share: int) -> np.ndarray:
 
 
 def _leave_gaps(test: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
-    """Blocks to train on (F, B): neither held out nor next to one that is, where they follow it (B - 1,)."""
+    """Mask (F, B) of blocks to train on: neither held out nor next to a held-out block.
+
+    `adjacent` (B - 1,) says of each block but the first whether it continues the one before.
+    """
     near = test.copy()
     near[:, 1:] |= test[:, :-1] & adjacent
     near[:, :-1] |= test[:, 1:] & adjacent
@@ -124,7 +127,7 @@ def _leave_gaps(test: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
 
 
 def _spread_parts(motion: np.ndarray, count: int) -> np.ndarray:
-    """Part (B,) of each block of a single run: every joint moves in enough of them, if that can be."""
+    """Part (B,) of each block of a single run, so that every joint moves in enough parts, if possible."""
     blocks = len(motion)
     best = np.arange(blocks) * count // blocks
     if not motion.any():

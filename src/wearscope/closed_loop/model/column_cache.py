@@ -1,4 +1,4 @@
-"""Columns that are kept while memory allows it, and computed again at each use where it does not."""
+"""A candidate's columns: kept as long as there is memory, otherwise computed again at each use."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -8,12 +8,12 @@ import numpy as np
 
 
 class ColumnCache:
-    """Memory for columns: the first ones stay; of the others only the last ones computed.
+    """Memory for columns: it keeps the first ones that fit, and of all others only the last ones computed.
 
     Parameters
     ----------
     size : int
-        Bytes.
+        Size of the memory [bytes].
     """
 
     def __init__(self, size: int) -> None:
@@ -21,7 +21,7 @@ class ColumnCache:
         self._last: tuple[weakref.ref[CachedColumns], np.ndarray] | None = None
 
     def keep(self, owner: "CachedColumns", rows: np.ndarray) -> bool:
-        """Keep rows as long as their owner exists, if there is memory; say whether there is."""
+        """Keep rows as long as their owner exists, if there is memory; return whether there is."""
         if rows.nbytes <= self.left:
             self.left -= rows.nbytes
             weakref.finalize(owner, self._give_back, rows.nbytes)
@@ -38,13 +38,13 @@ class ColumnCache:
 
 
 class CachedColumns(Sequence[np.ndarray]):
-    """Columns (M, m) of a candidate that is felt at one joint, as its `rows`.
+    """Columns (M, m) of a candidate that acts at one joint, as a sequence of one array (`Candidate.rows`).
 
     Parameters
     ----------
     cache : ColumnCache
     make : callable
-        Gives the columns, the same bits at every call.
+        Computes the columns; the result must be the same to the last bit at every call.
     """
 
     def __init__(self, cache: ColumnCache, make: Callable[[], np.ndarray]) -> None:

@@ -63,7 +63,7 @@ def make_corrected_model(
     prepared : Prepared
     model : Regression
     estimates : sequence of Estimate or of mapping
-        Of the model's entries, or their parameters alone.
+        Estimates of the model's entries, or their parameters alone.
     stage : str
         ``before`` or ``after``; part of the name.
     theta : ndarray (p,), optional
@@ -71,8 +71,7 @@ def make_corrected_model(
     """
     dataset = prepared.dataset
     robot = dataset.fields.robot
-    limits = _limits(prepared)
-    drive: dict = dict(limits)
+    drive = _limits(prepared)
     if robot.gear_ratio is not None:
         drive["gear_ratio"] = [abs(g) for g in robot.gear_ratio]
     drive["rotor_inertia"] = known_inertia(dataset).tolist()
@@ -122,7 +121,7 @@ def make_corrected_model(
 
 
 def _tell_intervals(estimate: Estimate) -> dict[str, object]:
-    """Entry of a model file on estimated parameters; empty for a generic term."""
+    """Fields of an effect in a model file that hold its intervals; empty for a generic term."""
     ends = {name: [float(x) for x in pair] for name, pair in estimate.intervals.items()}
     kept = {name: pair for name, pair in ends.items() if np.isfinite(pair).all()}
     if estimate.entry.effect.empirical or not kept:
@@ -131,7 +130,10 @@ def _tell_intervals(estimate: Estimate) -> dict[str, object]:
 
 
 def corrected_urdf(prepared: Prepared, model: Regression, theta: np.ndarray) -> str:
-    """URDF with the inertial parameters of `theta` (p,), made consistent; unchanged without any."""
+    """URDF with the inertial parameters of `theta` (p,), made physically consistent.
+
+    It is unchanged where the model does not fit them.
+    """
     if not model.inertial:
         return prepared.urdf
     dataset = prepared.dataset
@@ -144,7 +146,7 @@ def corrected_urdf(prepared: Prepared, model: Regression, theta: np.ndarray) -> 
 
 
 def safe_name(dataset: Dataset) -> str:
-    """Name of a data set as part of a file name."""
+    """Name of a data set with characters that a file name may have."""
     kept = "".join(c if c.isalnum() or c in "_.-" else "-" for c in dataset.name)
     return kept.lstrip("-_.") or "dataset"
 

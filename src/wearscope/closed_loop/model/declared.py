@@ -20,11 +20,11 @@ def declared_terms(
     ----------
     prepared : Prepared
     effects : sequence of Effect
-        Those declared.
+        The declared effects.
     given : sequence of Effect
-        Those of them whose values the data set gives.
+        Declared effects whose values the data set gives.
     joined : Signals
-        Of all training runs, to choose shapes from.
+        Signals of all training runs, from which shapes are chosen.
     """
     terms = []
     for effect in effects:
@@ -42,7 +42,7 @@ def declared_terms(
 
 
 def fit_declared(prepared: Prepared, effect: Effect, joint: int, joined: Signals) -> ModelTerm | None:
-    """Term of a declared effect: best fitting shape, and the coefficients that the signals determine.
+    """Term of a declared effect, with its best fitting shape and the coefficients that signals determine.
 
     Coefficients whose regressor is zero (wear of unknown level) or unknown (a temperature that was not
     recorded) are left out; None where all are.

@@ -36,9 +36,9 @@ def find_delays(model: Regression, joints: Sequence[int], common: bool = False) 
     model : Regression
         The declared model without delays.
     joints : sequence of int
-        Where a channel may be late.
+        Joints whose channel may be late.
     common : bool
-        Whether all of them have one delay, that of their recorder.
+        Whether all of them have the same delay, that of their recorder.
     """
     delays = np.zeros(model.prepared.n)
     groups = [list(joints)] if common else [[j] for j in joints]
@@ -99,9 +99,9 @@ def _weigh_delays(model: Regression, joint: int) -> Callable[[float], float] | N
 
 
 def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
-    """The data set with each torque channel moved back by its delay (n,) [s], fractions of a sample too.
+    """The data set with each torque channel moved back by its delay (n,) [s], also by fractions of a sample.
 
-    Rows at the ends of a recording for which there is no torque then are left out.
+    Rows at the ends of a recording that have no torque after the move are left out.
     """
     told = ", ".join(
         f"{joint} {1000 * d:.1f} ms" for joint, d in zip(dataset.joints, delays.tolist(), strict=True) if d
@@ -148,7 +148,7 @@ def _load_moved(load: Callable[[], Run], delays: np.ndarray) -> Run:
 
 
 def undo_shifts(model: Regression, terms: Sequence[ModelTerm]) -> Regression:
-    """A model of shifted channels with the delays of some terms taken out, which are then zero everywhere."""
+    """Model of moved channels, refitted with the total delay of some terms at zero, as if never moved."""
     known = {
         k: np.array([-find_shift(model.prepared, term.joint)])
         for k, term in enumerate(model.entries)

@@ -19,7 +19,7 @@ _INFORMED = 1e-3
 
 @dataclass
 class JointFit:
-    """Joint estimate of all free values of a model.
+    """All free values of a model, estimated together.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class JointFit:
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
     moved : ndarray (p + s,)
-        The part of it by which another form of a reversal, or plain friction without a name, would move the
+        Part of `width`: how far another form of a reversal, or plain friction without a name, would move the
         value.
     owners : list of (int, int)
         Entry and shape parameter of each free shape.
     told, carried : ndarray (p + s,)
-        Information on each value; the number of clusters that carry it.
+        Information on each value; effective number of clusters that carry it.
     """
 
     theta: np.ndarray
@@ -60,8 +60,8 @@ class Estimate:
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
     p_value : float
-        That all its coefficients are zero, or what another form of a reversal would take away (Wald's F with
-        the clusters that inform, less one, as degrees of freedom).
+        p-value of the hypothesis that all its coefficients are zero, each first reduced by what another form
+        of a reversal could explain (Wald's F; its degrees of freedom are the informative clusters, less one).
     """
 
     entry: ModelTerm
@@ -76,7 +76,7 @@ _STEP, _FORM = 0.02, 0.5
 
 
 def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """Change of the prediction with the width and form of reversals, and the uncertainty of each.
+    """Derivatives of the prediction with respect to the width and form of the reversals, and their priors.
 
     Widths and forms were chosen on the same runs, so their uncertainty is part of friction's.
 
@@ -174,8 +174,9 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     ----------
     model : Regression
     unnamed : bool
-        Whether the intervals hold what may be there and got no name: plain friction, and what differs between
-        the parts that are held out, as clusters where these give wider intervals. Names are tested without.
+        Whether the intervals include what may be present without a name: plain friction, and differences
+        between held-out parts, which serve as clusters where this gives wider intervals. It is False where
+        names are tested.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
@@ -232,9 +233,9 @@ def _measure_by_part(model: Regression, inverse: np.ndarray, scores: np.ndarray)
     ----------
     model : Regression
     inverse : ndarray (p, p)
-        Of the normal matrix.
+        Inverse of the normal matrix.
     scores : ndarray (B, p)
-        By block.
+        Scores by block.
     """
     files = [run.file for run in model.prepared.runs_for("train")]
     parts = make_folds(model.blocks, files).parts

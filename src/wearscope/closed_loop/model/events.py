@@ -1,9 +1,9 @@
-"""Short events in what a model leaves of the torques: pushes and collisions, and a threshold for them.
+"""Short events in the residual torques, such as pushes and collisions, and a threshold to detect them.
 
-A residual is noise, with a tail, and structure. An event stands out from that tail. An exponential through
+A residual holds noise with a tail, and structure. An event stands out from that tail. An exponential through
 the upper quartile and the upper tenth of the sizes gives the size that no row is expected to reach by chance.
-The same holds for the largest size of each period, and the larger limit counts.
-Near reversals models miss more than elsewhere, so these rows have their own spread and tail.
+The same is done with the largest size of each period, and the larger limit counts. Models fit worse near
+reversals than elsewhere, so these rows have their own spread and tail.
 """
 
 from collections.abc import Sequence
@@ -24,16 +24,17 @@ _PERIOD = 4
 #: Shares of the rows that define the tail; expected number of chance events of a joint in all runs.
 _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Size at an event's ends [robust standard deviations]; longest event and longest gap within one [s]; share
-#: of the rows from which it counts as structure.
+#: of a joint's rows beyond which events are structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
-#: The same share where healthy runs define the noise; ratio to their spread from which the own spread counts.
+#: The same share where healthy runs define the noise; ratio to the healthy spread from which the runs' own
+#: spread is used.
 _MOST_OF_SESSION, _WIDER = 0.4, 2.0
 _LOUD = 0.1  # share of a stretch's largest size above which it is loud
 _LASTS = 0.25  # share of its largest torque down to which an event lasts: the filter's ringing is less
 #: Share of a joint's largest speed below which a residual may be the reversal's form; reach of the filters
 #: from there, in periods of the common cut-off.
 _SLOW, _REACH = 0.05, 1.0
-#: Numbers of rows over which residuals are averaged, in addition to single rows.
+#: Numbers of rows over which residuals are averaged; single rows are used too.
 _WIDTHS = (2, 4)
 #: An event belongs to the machine where it occurs in more than half of the passes of a place, and in at least
 #: this many.
@@ -62,27 +63,28 @@ def find_events(
 ) -> list[Event]:
     """Events of all runs as ``verdict.json`` has them, in the order of joints and runs.
 
-    A residual smaller than a nearby step of a named effect is no event: it may be that step at another
-    moment, as where a lost motion is crossed a little later.
+    A residual smaller than a nearby step of a named effect is no event: it may be that step at another time,
+    as where a lost motion is crossed a little later.
 
     Parameters
     ----------
     runs : sequence of PreparedRun
     left : sequence of ndarray (M, n)
-        Torque of each run that the model does not have.
+        Residual torque of each run.
     joints : sequence of str
     moving : ndarray (n,) of bool
     top_speed : ndarray (n,)
     change : sequence of ndarray (M, n), optional
-        What the named effects add to the declared model.
+        Torque that the named effects add to the declared model.
     healthy : ndarray (n, k), optional
-        Of `measure_tails`, of runs without events. Many pushes hide in the tail that they make themselves.
+        Result of `measure_tails` for runs without events. Without it, many pushes hide each other, since they
+        make the tail of the runs themselves.
 
     Returns
     -------
     list of dict
-        `run`, `joint`, `t` where it starts on the recording's own clock [s], `seconds` that it lasts, `size`:
-        its largest torque that the model does not have, with its sign, and `seen`: when it is above noise.
+        `run`, `joint`, `t`: start on the recording's own clock [s], `seconds`: duration, `size`: largest
+        residual torque with its sign, and `seen`: start and end of its rows above the noise [s].
     """
     events: list[Event] = []
     for j in np.flatnonzero(moving).tolist():
@@ -112,7 +114,7 @@ def find_events(
 
 
 def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
-    """Start, duration and largest size of a torque that the model does not have."""
+    """Start, duration and size of an event, from its times [s] and its residual torque (M,)."""
     peak = int(np.argmax(np.abs(missed)))
     small = missed / missed[peak] < _LASTS
     first = float(t[np.max(np.flatnonzero(small[:peak]), initial=0)])
@@ -122,7 +124,7 @@ def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
 
 
 def _is_near_reversal(run: PreparedRun, joint: int, top: float) -> np.ndarray:
-    """Rows (M,) so near to a reversal or a rest that friction's form may affect them."""
+    """Mask (M,) of rows so near to a reversal or a rest that friction's form may affect them."""
     slow = np.abs(run.signals.v[:, joint]) < _SLOW * top
     reach = int(_REACH / run.band.torque * run.band.rate)
     felt = ndimage.maximum_filter1d(slow, 2 * reach + 1)
@@ -134,8 +136,8 @@ def measure_tails(
 ) -> np.ndarray:
     """Noise and tail of each joint (n, k) in runs without events, for `find_events`.
 
-    For each joint: the largest size over the spread, in rows away from reversals and near them, and the
-    spreads. Not finite where the joint rests.
+    Columns: largest expected size over the spread, in rows away from reversals and near them; then the
+    spreads as `_measure_sizes` returns them. Values are infinite where the joint rests.
     """
     found = np.full((len(moving), 4 + len(_WIDTHS)), np.inf)
     for j in np.flatnonzero(moving).tolist():
@@ -154,11 +156,12 @@ def _measure_sizes(
     classes: Sequence[Sequence[np.ndarray]],
     healthy: np.ndarray | None = None,
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Residual of each run (M,) over its robust spread in rows of the same class, at its best width.
+    """Size (M,) of each run's residual over its robust spread, and the spreads.
 
-    A torque that lasts for several rows stands out more from their mean than from single rows. The spreads
-    are returned second, by class, then by width: spreads of healthy runs, unless those of the runs themselves
-    are far wider.
+    A row's spread is that of rows of its class (near a reversal or not). A torque that lasts for several rows
+    stands out more in their mean than in single rows, so the largest size over all widths of averaging is
+    taken. The spreads are ordered by class, then by width. They are those of healthy runs, unless the runs'
+    own spreads are far wider.
     """
     spreads: list[float] = []
 
@@ -187,7 +190,7 @@ def _measure_sizes(
 
 
 def _find_spread(x: np.ndarray) -> float:
-    """Robust standard deviation; infinite where there is none to be seen."""
+    """Robust standard deviation; infinite where it would be zero."""
     spread = 1.4826 * float(np.median(np.abs(x))) if len(x) else 0.0
     return spread if spread > 0.0 else np.inf
 
@@ -198,9 +201,9 @@ def _stand_out(
     classes: Sequence[Sequence[np.ndarray]],
     limits: np.ndarray,
 ) -> tuple[list[list[slice]], int]:
-    """Stretches that stand out of the tail of their class's rows, and how many rows lie outside all of them.
+    """Stretches that stand out of the tail of their class's rows, and the number of rows outside of them.
 
-    No limit exceeds those given (2,).
+    `limits` (2,) are upper bounds of the size that each class may reach by chance.
     """
     limits = limits.copy()
     calm = [[c.copy() for c in own] for own in classes]
@@ -223,7 +226,7 @@ def _stand_out(
 
 
 def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
-    """How far a torque departs from a line about a stretch, from lowest to highest."""
+    """Peak-to-peak size of a torque around a stretch after a straight line is taken out: a step there."""
     near = (t >= t[part.start] - _GAP) & (t <= t[part.stop - 1] + _GAP)
     return float(np.ptp(signal.detrend(added[near])))
 
@@ -231,8 +234,8 @@ def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
 def _find_limit(sizes: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> float:
     """Size that no row is expected to reach by chance, from the tails of all rows and of periods.
 
-    What a model misses at a reversal fills a few rows, and the tail of all rows does not show how it differs
-    from one reversal to the next: that of each period's largest size does.
+    A residual at a reversal fills only a few rows. How it differs from one reversal to the next does not show
+    in the tail of all rows, but in the tail of each period's largest size.
     """
     every, periods = [np.zeros(0)], [np.zeros(0)]
     for size, own in zip(sizes, counts, strict=True):
@@ -244,7 +247,7 @@ def _find_limit(sizes: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> fl
 
 
 def _extrapolate(size: np.ndarray) -> float:
-    """Size that none of so many draws is expected to reach: an exponential through their upper tail."""
+    """Size that none of these sizes is expected to reach by chance: an exponential fits their upper tail."""
     if not len(size):
         return np.inf
     upper, top = np.quantile(size, [1.0 - _UPPER, 1.0 - _TOP])
@@ -283,9 +286,9 @@ def _is_loud(size: np.ndarray) -> np.ndarray:
 def _leave_places(
     runs: Sequence[PreparedRun], sizes: Sequence[np.ndarray], found: Sequence[Sequence[slice]], joint: int
 ) -> list[list[slice]]:
-    """Stretches without those at places where most passes of a joint have one, as at a damaged tooth.
+    """Stretches without those at positions where most passes of the joint have one, as at a damaged tooth.
 
-    These belong to the machine. A place with fewer than `_COMES_BACK` passes is not judged.
+    Those belong to the machine. They need at least `_COMES_BACK` passes with an event.
     """
     positions = [run.signals.q[rows(run.band, len(run.signals.t)), joint] for run in runs]
     inside = [np.zeros(len(run.t), dtype=bool) for run in runs]
@@ -306,7 +309,7 @@ def _leave_places(
 
 
 def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint: str) -> np.ndarray:
-    """Whether the torque at times `t` of a run is within an event and the common filter's reach."""
+    """Mask of times `t` (M,) of a run that lie in an event, or within the common filter's reach of one."""
     reach, t = _REACH / run.band.torque, t + run.start
     marked = np.zeros(len(t), dtype=bool)
     for e in events:
@@ -318,7 +321,7 @@ def mark_events(run: PreparedRun, t: np.ndarray, events: Sequence[Event], joint:
 def leave_out(
     runs: Sequence[PreparedRun], events: Sequence[Event], joints: Sequence[str]
 ) -> list[PreparedRun]:
-    """The runs, in which rows of events do not count."""
+    """Copies of the runs in which rows of events do not count."""
     made = []
     for run in runs:
         marked = np.column_stack([mark_events(run, run.t, events, joint) for joint in joints])
@@ -327,7 +330,7 @@ def leave_out(
 
 
 def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Residual (M, n) of each run without what depends on each joint's own state in all runs.
+    """Residual (M, n) of each run, less the part that depends on each joint's own state alike in all runs.
 
     A change of the machine depends on its state (friction, a load, a gain, a spring); a push does not.
     """
@@ -367,7 +370,7 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
 def take_out_common(
     runs: Sequence[PreparedRun], left: Sequence[np.ndarray], repeats: Sequence[tuple[int, int]]
 ) -> list[np.ndarray]:
-    """Residual (M, n) of each run without its median over the runs of the same motion, if three or more.
+    """Residual (M, n) of each run, less its median over the runs of the same motion, if three or more.
 
     Parameters
     ----------
@@ -393,8 +396,8 @@ def suggest_thresholds(
 ) -> dict[str, dict[str, float]]:
     """By joint, the threshold of a collision detector on this model, and its rate of false alarms.
 
-    The threshold is the largest torque that the model misses on the test runs outside of events. No row
-    exceeds it: its false alarms are fewer than three in the time that was tested.
+    The threshold is the largest residual torque of the test runs outside of events. No row exceeds it: its
+    false alarms are fewer than three in the time that was tested.
     """
     found = {}
     for j, joint in enumerate(joints):

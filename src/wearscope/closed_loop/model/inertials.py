@@ -34,9 +34,9 @@ def name_far_links(prepared: Prepared, deviations: np.ndarray, errors: float) ->
     ----------
     prepared : Prepared
     deviations : ndarray (10 n,)
-        Of the refitted inertial parameters from the URDF's.
+        Deviations of the refitted inertial parameters from the URDF's.
     errors : float
-        Standard deviations a priori beyond which they are.
+        Prior standard deviations beyond which a parameter is far off.
     """
     parameters = load_effect("payload_error").coefficients
     off = deviations.reshape(-1, 10)
@@ -92,7 +92,7 @@ def is_consistent(parameters: np.ndarray) -> bool:
 
 
 def nearest_consistent(free: np.ndarray, start: np.ndarray, hessian: np.ndarray) -> np.ndarray:
-    """Consistent parameters that lose least of the fit.
+    """Physically consistent parameters that fit nearly as well as an estimate without this constraint.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def nearest_consistent(free: np.ndarray, start: np.ndarray, hessian: np.ndarray)
     start : ndarray (10 n,)
         Parameters to start from, the URDF's.
     hessian : ndarray (10 n, 10 n)
-        Of the loss at the free estimate, prior included.
+        Hessian of the loss at the free estimate, prior included.
 
     Returns
     -------

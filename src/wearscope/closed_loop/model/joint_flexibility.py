@@ -1,10 +1,10 @@
 """Torque through the gears, which bends them.
 
 Along the motor's measured motion the rigid body's torque is not what a soft gear carries: the link lags and
-rings. Two better figures are at hand below `Band.gear`: the solution of tau = rigid body(motor motion -
-deflection(tau)), from the motion alone, and the measured torque less what the model has on the motor's side.
-The first is all that evidence and predictions use. The second holds the noise of the torque that is to be
-explained: it serves as a regressor of estimates only, with the first kind as its instrument.
+rings. There are two better estimates below `Band.gear`. One solves tau = rigid body(motor motion -
+deflection(tau)) from the motion alone. The other is the measured torque less the model's torque on the
+motor's side. Evidence and predictions use only the first. The second holds the noise of the torque that is to
+be explained, so it is a regressor of estimates only, with a torque from the motion as its instrument.
 """
 
 from collections.abc import Callable, Collection
@@ -19,17 +19,17 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import Signals
 
-#: Largest (w/w0)^2 at which a model alone gives a gear's torque: w at the common cut-off, w0 where the link
-#: swings.
+#: Largest (w/w0)^2 at which the motion alone gives a gear's torque: w is the common cut-off, w0 the frequency
+#: at which the link swings.
 _STIFF = 0.5
-#: Damping about w0 and beyond; corrections of the torque through a gear.
+#: Damping about w0 and beyond; number of corrections of the torque through a gear.
 _DAMPING, PASSES = 1.0, 4
-#: Where the corrections diverge: most steps of GMRES, and residual at which it ends.
+#: Where the corrections diverge: most steps of GMRES, and relative residual at which it ends.
 _STEPS, _PRECISE = 12, 1e-3
 
 
 def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
-    """Full-rate torque (N, n) on the link side of the gears along the motors' motion, were they rigid."""
+    """Full-rate torque (N, n) on the link side of rigid gears, along the motors' motion."""
     s = signals
     torque = s.rigid_body.inverse_dynamics(s.q, s.v, s.a)
     if model.inertial:
@@ -41,7 +41,7 @@ def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) ->
 
 
 def bending_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
-    """Change of the link's torque by the deflection of the gears under `signals.transmitted`."""
+    """Change (N, n) of the links' torque by the deflection of the gears under `signals.transmitted`."""
     torque = np.zeros_like(signals.load)
     for term, span in zip(model.entries, model.spans, strict=True):
         if term.is_deflection:
@@ -64,15 +64,15 @@ def softness(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarr
 
 
 def take_out_swing(stiff: np.ndarray) -> np.ndarray:
-    """Gain of a correction at frequencies where a link's torque is `stiff` times its motor's inverse.
+    """Gain by frequency of a correction that undoes the swing of a link against its motor.
 
-    It is damped near the swing and beyond: there the motor's motion tells next to nothing of the link's, and
-    its noise would ring.
+    It is 1 / `stiff` below the swing. It is damped near the swing and beyond: there the motor's motion shows
+    next to nothing of the link's, and its noise would ring.
 
     Parameters
     ----------
     stiff : ndarray
-        1 - (w / w0)^2.
+        1 - (w / w0)^2, the share of a correction of the torque that reaches the deflection's equation.
     """
     return np.asarray(stiff / (stiff**2 + _DAMPING * (stiff < 0.5)))
 
@@ -80,11 +80,10 @@ def take_out_swing(stiff: np.ndarray) -> np.ndarray:
 def solve_gears(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray | None:
     """Torque (N, n) through the gears below `Band.gear` from the model and the motors' motion alone.
 
-    For deflections proportional to the torque the equation is linear: corrections in which the swing of the
-    mean inertia is taken out (`take_out_swing`), few of them, since at the swing more would make it ring, or
-    by GMRES where these diverge.
-    Across a jump of the deflection the rigid body's torque below `Prepared.lost_motion_cutoff` is the nearest
-    that the motion gives. None where the model has no deflection.
+    For deflections proportional to the torque the equation is linear. A few corrections solve it, in which
+    the swing of the mean inertia is taken out (`take_out_swing`); more would ring at the swing. Where they
+    diverge, GMRES solves it. Across a jump of the deflection the rigid body's torque below
+    `Prepared.lost_motion_cutoff` is the best that the motion gives. None where the model has no deflection.
     """
     if not any(term.is_deflection for term in model.entries):
         return None
@@ -135,10 +134,10 @@ def _solve_whole(
     Parameters
     ----------
     miss : callable
-        By how much a torque (N, m) misses the one that it bends to; affine.
+        Residual (N, m) of the equation at a torque (N, m): an affine function.
     correct : callable
     given : ndarray (N, m)
-        Of rigid gears.
+        Torque of rigid gears.
     """
     still = miss(np.zeros_like(given))
 
@@ -153,8 +152,8 @@ def _solve_whole(
 def find_jump_shares(model: Regression, theta: np.ndarray) -> dict[int, float]:
     """Share of each jumping deflection's torque, by term, that the motion alone predicts.
 
-    The motion tells the moment of a jump only roughly, and averaged over the possible moments the torque is
-    smaller than at the true one. The share is the slope of the training residual against it, 0 to 1.
+    The motion shows the time of a jump only roughly. Averaged over the possible times, the torque is smaller
+    than at the true one. The share is the slope of the training residual against that torque, 0 to 1.
     """
     terms = [i for i, e in enumerate(model.entries) if e.is_deflection and getattr(e.effect, "abrupt", False)]
     own = {i: np.zeros(2) for i in terms}
@@ -203,8 +202,9 @@ def is_solvable(soft: np.ndarray, band: Band) -> np.ndarray:
 def make_instruments(model: Regression, held: Collection[int]) -> list[np.ndarray]:
     """Columns (M, n, P) of each training run without the noise of the measured torque.
 
-    Those of the terms `held`, by index, which are gears along the measured torque, are replaced by those
-    along the rigid body's, which are correlated with them and not with the noise; the others are the model's.
+    The terms `held`, by index, are gears that bend along the measured torque. Their columns are computed
+    along the rigid body's torque instead, and so correlate with the original ones, but not with the noise.
+    All other columns are the model's.
     """
     made = []
     for columns, run in zip(model.columns, model.prepared.runs_for("train"), strict=True):

@@ -1,4 +1,4 @@
-"""The load on the gears, which friction may depend on: that of corrected bodies, once they are known."""
+"""The load on the gears, on which friction may depend: the corrected bodies' load, once they are known."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,18 +10,18 @@ from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Relative difference of the corrected bodies' load from that along which effects were fitted.
+#: Largest relative difference of the corrected bodies' load from the load along which effects were fitted.
 OTHER = 0.03
 
 
 def find_other_loads(model: Regression, terms: Sequence[ModelTerm]) -> list[ModelTerm]:
-    """Terms that depend on a load which the model's bodies do not have.
+    """Terms that were fitted along another load than that of the model's bodies.
 
     Parameters
     ----------
     model : Regression
     terms : sequence of ModelTerm
-        Those that count.
+        Terms to look at.
     """
     listed = [
         term
@@ -44,7 +44,7 @@ def take_loads(prepared: Prepared, model: Regression) -> Prepared:
     ----------
     prepared : Prepared
     model : Regression
-        Of the same machine.
+        Model of the same machine.
     """
     theta = model.solve()
     runs = [

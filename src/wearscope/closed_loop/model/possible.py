@@ -1,8 +1,8 @@
 """Models whose coefficients are physically possible: none beyond a bound that its effect sets.
 
-What a declared model lacks can push one of its own coefficients beyond zero: friction that drives the motion,
-or an inertia below none. Such a coefficient is taken out and the others are fitted again, the one that is
-furthest beyond its bound first, in standard errors (an active set, Lawson and Hanson 1974, ch. 23).
+An effect that a declared model lacks can push one of its own coefficients beyond zero: friction that drives
+the motion, or a negative inertia. Such a coefficient is taken out and the others are fitted again, beginning
+with the one furthest beyond its bound in standard errors (an active set, Lawson and Hanson 1974, ch. 23).
 """
 
 from dataclasses import dataclass, replace
@@ -59,14 +59,14 @@ def keep_possible(model: Regression, count: int) -> tuple[Regression, list[Impos
     ----------
     model : Regression
     count : int
-        Entries, the first of the model's, that may lose coefficients; one that loses all is taken out.
+        Number of the model's first entries that may lose coefficients; one that loses all is taken out.
 
     Returns
     -------
     Regression
-        With the other parameters fitted again.
+        The model with the other parameters fitted again.
     list of Impossible
-        What was taken out.
+        Coefficients that were taken out.
     """
     out: list[Impossible] = []
     while True:
@@ -86,7 +86,10 @@ def keep_possible(model: Regression, count: int) -> tuple[Regression, list[Impos
 
 
 def list_beyond(model: Regression) -> list[tuple[int, int, Impossible, float]]:
-    """Coefficients beyond a bound of zero: entry, coefficient, what is said of it, standard errors beyond."""
+    """Coefficients beyond a bound of zero: indices of entry and coefficient, report, relative distance.
+
+    The distance beyond zero is relative to the width of the coefficient's interval.
+    """
     theta, prepared = model.solve(), model.prepared
     places = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):

@@ -19,8 +19,8 @@ from wearscope.effects.base import MeasurementEffect, Signals
 
 #: Iterations of the fit where a term acts on the prediction of the others.
 _PASSES = 4
-#: Two runs repeat each other where their positions differ by less than this share of the reach (RMS); time
-#: between the samples that are compared first [s].
+#: Two runs repeat each other where their positions differ by less than this share of the reach (RMS). Samples
+#: this time apart [s] are compared first.
 _SAME, _LOOK = 0.01, 0.5
 
 
@@ -43,7 +43,7 @@ def predict_motor(
 ) -> np.ndarray:
     """Full-rate torque (N, n) of the motors, before errors of the measurement.
 
-    Of the terms in `shares`, by index, only a share of the torque is taken.
+    `shares` holds, by the index of a term, the share of its torque that is taken.
     """
     torque = run.known.copy()
     if model.inertial:
@@ -68,7 +68,7 @@ def predict_reduced(model: Regression, theta: np.ndarray, run: PreparedRun) -> n
 
 
 def _record(model: Regression, theta: np.ndarray, signals: Signals, motor: np.ndarray) -> np.ndarray:
-    """Recorded torque (N, n) of motors that give the torque `motor`."""
+    """Torque (N, n) that the sensors record where the motors' torque is `motor`."""
     torque = motor.copy()
     late = replace(signals, torque=motor, lag=find_lags(model, theta))
     for term, span in zip(model.entries, model.spans, strict=True):
@@ -87,9 +87,9 @@ def find_lags(model: Regression, theta: np.ndarray) -> np.ndarray:
 
 
 def find_operating_point(model: Regression) -> list[Signals]:
-    """Signals of the training runs with the motors' and the gears' torque that a fitted model gives.
+    """Signals of the training runs with the motors' and the gears' torque by a fitted model.
 
-    Errors of the measurement act on the first, deflections of the gears on the second.
+    Errors of the measurement act on the motors' torque, deflections of the gears on the gears' torque.
     """
     theta = model.solve()
     made = []
@@ -114,9 +114,9 @@ def refit(
 ) -> Regression:
     """Regression like `base` with other terms.
 
-    Errors of the measurement multiply the motor torque, and gears bend under a torque, that the other
-    parameters give: the fit is repeated until both agree. Coefficients that are `known`, by the index of
-    their term, are not fitted.
+    Errors of the measurement act on the motors' torque, and gears bend under their torque. Both torques
+    depend on the other parameters, so the fit is repeated a few times. Coefficients that are `known`, by the
+    index of their term, are not fitted.
     """
     known = dict(known or {})
 
@@ -143,8 +143,8 @@ def predict_runs(prepared: Prepared, before: Regression, after: Regression) -> l
         Predicted(
             run,
             run.reduce(run.known),
-            run.reduce(predict_full(before, theta[0], run)),
-            run.reduce(predict_full(after, theta[1], run)),
+            predict_reduced(before, theta[0], run),
+            predict_reduced(after, theta[1], run),
         )
         for run in prepared.runs
     ]
@@ -189,7 +189,7 @@ def bootstrap_change(
     rows: int,
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Change of the pooled rms [%] (n,) and its 95 % interval (2, n), the same blocks drawn for both."""
+    """Change [%] (n,) of the pooled rms and its 95 % interval (2, n), with the same blocks drawn for both."""
     with np.errstate(invalid="ignore", divide="ignore"):
         drawn = 100.0 * (_draw_rms(after, rows, seed) / _draw_rms(before, rows, seed) - 1.0)
         change = 100.0 * (pooled_rms(after) / pooled_rms(before) - 1.0)
@@ -240,7 +240,7 @@ def find_repeats(prepared: Prepared) -> list[tuple[int, int]]:
 
 
 def noise_floor(prepared: Prepared, predicted: list[Predicted]) -> np.ndarray | None:
-    """Rms of what does not repeat when the motion does (n,), or None where no motion is repeated.
+    """Rms (n,) of the torque that does not repeat when the motion does; None where no motion is repeated.
 
     The residual of the corrected model is used, so that a modelled difference between the repetitions (a
     temperature, say) does not count as noise.

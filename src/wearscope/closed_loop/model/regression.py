@@ -1,4 +1,4 @@
-"""Weighted least squares by blocks: all fits are made from Gram matrices by block."""
+"""Weighted least squares: every fit is solved from sums of the blocks' Gram matrices."""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block
-from wearscope.closed_loop.model.inertials import find_penalty, inertial_scale
+from wearscope.closed_loop.model.inertials import find_penalty, inertial_penalty
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
@@ -23,8 +23,8 @@ _ROUGHNESS, _SHRINKAGE = 0.001, 0.01
 def regularise(knots: int) -> np.ndarray:
     """Penalty (m, m) on a spline's heights, which matters where there is next to no data.
 
-    There a coarse spline continues smoothly (Eilers and Marx 1996), and every spline tends to zero. It also
-    settles a spline's constant part where another term of the model has a constant too.
+    There a coarse spline continues smoothly (Eilers and Marx 1996), and every spline tends to zero. The
+    penalty also determines a spline's constant part where another term of the model has a constant too.
     """
     penalty = _SHRINKAGE * np.eye(knots)
     if knots <= COARSE:
@@ -34,7 +34,7 @@ def regularise(knots: int) -> np.ndarray:
 
 
 def penalise(columns: np.ndarray) -> np.ndarray:
-    """Penalty (m, m) for a spline's columns (M, m) along a recording, in units of their own information."""
+    """Penalty (m, m) for a spline's columns (M, m) along a recording, scaled by their mean square."""
     return float(np.mean((columns**2).sum(axis=0))) * regularise(columns.shape[1])
 
 
@@ -51,10 +51,10 @@ class Regression:
     inertial : bool
         Whether deviations of the inertial parameters are among the columns, first.
     held : dict of int to ndarray
-        Coefficients of entries, by their index, that are known otherwise and not fitted.
+        Coefficients by index of their entry that are known and not fitted.
     signals : list of Signals, optional
-        Of each training run, with the motors' and the gears' torque where terms act on them; those of the
-        motion alone where None.
+        Signals of each training run, with the motors' and the gears' torque where terms act on them; those of
+        the motion alone where None.
     """
 
     prepared: Prepared
@@ -67,19 +67,15 @@ class Regression:
     columns: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if self.signals is None:
-            self.signals = [run.signals for run in self.prepared.runs_for("train")]
-        self.spans: list[slice] = []
-        self._assemble()
-
-    def _assemble(self) -> None:
         runs = self.prepared.runs_for("train")
-        self.spans = []
+        if self.signals is None:
+            self.signals = [run.signals for run in runs]
+        self.spans: list[slice] = []
         start = 10 * self.prepared.n if self.inertial else 0
         for entry in self.entries:
             self.spans.append(slice(start, start + len(entry.subset)))
             start += len(entry.subset)
-        self.columns = [self.take_columns(run, s) for run, s in zip(runs, self.signals or [], strict=True)]
+        self.columns = [self.take_columns(run, s) for run, s in zip(runs, self.signals, strict=True)]
         self.target = [run.measured - run.reduce(run.known) for run in runs]
         self.weigh_by(self.sigma)
 
@@ -102,10 +98,10 @@ class Regression:
         """Weigh the rows by another residual scale (n,)."""
         self.sigma = sigma
         self.weights = [run.keep / sigma for run in self.prepared.runs_for("train")]
-        self.sum_blocks()
+        self._sum_blocks()
 
-    def sum_blocks(self) -> None:
-        """Sum products of columns and target by block."""
+    def _sum_blocks(self) -> None:
+        """Sum the products of columns and target over each block, and add priors and known coefficients."""
         self.p = self.columns[0].shape[2]
         count = len(self.blocks)
         self.gram = np.zeros((count, self.p, self.p))
@@ -144,8 +140,7 @@ class Regression:
         """Precision (P, P) a priori of the inertial deviations about the URDF's values; zero elsewhere."""
         prior = np.zeros(self.p)
         if self.inertial:
-            scale = inertial_scale(self.prepared)
-            prior[: scale.size] = 1.0 / scale**2
+            prior[: 10 * self.prepared.n] = np.diag(inertial_penalty(self.prepared))
         for entry, span in zip(self.entries, self.spans, strict=True):
             penalty = find_penalty(self.prepared, entry.effect)
             if penalty is not None:
@@ -177,8 +172,8 @@ class Regression:
     def solve_bounded(self) -> np.ndarray:
         """Parameters (P,) within the physical bounds of the effects, as a simulator needs them.
 
-        An effect that the model lacks can push a declared parameter beyond its bounds; residuals must show
-        that.
+        Residuals use `solve` instead: an effect that the model lacks can push a declared parameter beyond its
+        bounds, and they must show that.
         """
         lower, upper = np.full(self.p, -np.inf), np.full(self.p, np.inf)
         for entry, span in zip(self.entries, self.spans, strict=True):

@@ -1,8 +1,8 @@
 """Names that motion does not tell apart, but the torque at rest does.
 
-Rows at rest do not count in any fit: static friction may hold anything there. A joint may show the same
-torque at rest whether it came from one side or the other. Then no static friction holds it. If one name has
-this torque and the other has not, the rests tell the two apart.
+Rows at rest do not count in any fit, since static friction may hold any torque there. Where a joint shows the
+same torque at rest from whichever side it came, no static friction holds it. If one name predicts this torque
+and the other does not, the rests tell the two apart.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
 
-#: Largest error of a name at rest, and largest difference of the two names in motion, over their difference
-#: at rest.
+#: Largest error at rest of the name that stays, and largest difference of the two names in motion, both over
+#: their difference at rest.
 CLOSE = 0.25
 #: Fewest rests after a motion in each direction.
 LEAST = 2
@@ -35,9 +35,9 @@ class Rest:
     Attributes
     ----------
     run : int
-        Among the training runs.
+        Index among the training runs.
     rows : slice
-        Of the run's rows at the common bandwidth.
+        Rows of the run at the common bandwidth.
     forwards : bool
         Whether the joint came to rest from a motion forwards.
     """
@@ -80,11 +80,11 @@ class Left:
     Attributes
     ----------
     still : ndarray (R,)
-        At each rest.
+        Mean residual at each rest.
     forwards : ndarray (R,) of bool
-        Of the motion before it.
+        Whether the motion before each rest was forwards.
     moving : ndarray (M,)
-        In each row in motion.
+        Residual in each row in motion.
     error : float
         Standard deviation of a mean over as many rows in motion as a rest has.
     """
@@ -147,16 +147,16 @@ def settle_at_rest(
     ----------
     model : Regression
     index : int
-        Of the term among its entries.
+        Index of the term among the model's entries.
     rivals : sequence of ModelTerm or None
-        Terms with the other names; None of a name that cannot be fitted.
+        Terms with the other names; None for a name that cannot be fitted.
 
     Returns
     -------
     model : Regression
-        With the name that stays.
+        Model with the name that stays.
     left : list of int
-        Names that stay, the one in the model first: 0 the term's own, 1 and on the rivals.
+        Names that stay, the one in the model first: 0 is the term's own name, 1 and up are the rivals.
     """
     every = list(range(1 + len(rivals)))
     joint = model.entries[index].joint

@@ -41,7 +41,7 @@ class ModelTerm:
 
     @property
     def is_measurement_error(self) -> bool:
-        """Whether the term acts on what the rest of the model predicts to be recorded."""
+        """Whether the term is an error of the torque sensor, which acts on the rest of the model's torque."""
         return isinstance(self.effect, MeasurementEffect)
 
     @property
@@ -74,13 +74,13 @@ class Candidate:
     shapes : tuple of tuple of float
         Shape of the model term of each alternative.
     joints : tuple of int
-        Joints at which the effect is felt.
+        Joints at which the effect acts.
     rows : sequence of ndarray (M, S*m)
-        Reduced regressors of all training runs, one below the other, by joint of `joints`.
+        For each joint of `joints`, the filtered regressors of all training runs, stacked.
     penalty : ndarray (m, m) or None
         Prior precision of the coefficients.
     tried : float
-        Shapes that each of `shapes` was chosen from, for what many trials find by chance.
+        Number of shapes from which each of `shapes` was chosen, by which the score corrects for chance.
     """
 
     effect: Effect
@@ -93,7 +93,7 @@ class Candidate:
 
     @property
     def count(self) -> int:
-        """Columns of each shape."""
+        """Number of columns of each shape."""
         return self.rows[0].shape[1] // len(self.shapes)
 
     def at(self, shape: int) -> "Candidate":
@@ -111,7 +111,7 @@ class Candidate:
 def reduce_columns(
     effect: Effect, joint: int, shapes: np.ndarray, run: PreparedRun, signals: Signals | None = None
 ) -> np.ndarray:
-    """Reduced regressors of all shapes for one run, (M, S*m) or (M, n, S*m).
+    """Filtered regressors of all shapes along one run: (M, S*m), or (M, n, S*m) of an effect at all joints.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def reduce_columns(
     shapes : ndarray (S, k)
     run : PreparedRun
     signals : Signals, optional
-        Instead of the run's own.
+        Signals to take instead of the run's own.
     """
     own = run.signals if signals is None else signals
     step = max(1, _AT_ONCE // max(len(effect.coefficients), 1))
@@ -132,10 +132,10 @@ def reduce_columns(
 
 
 def make_candidate(effect: Effect, joint: int, prepared: Prepared, shapes: np.ndarray) -> Candidate:
-    """Candidate of an effect at a joint with given shapes (S, k), along the motion alone.
+    """Candidate of an effect at a joint with given shapes (S, k), from the motion alone.
 
-    A gear bends under the rigid body's torque along the motion, without frequencies that two derivatives
-    would amplify.
+    A gear bends under the rigid body's torque along the motion, low-pass filtered, since two derivatives
+    would amplify its noise.
     """
     train = prepared.runs_for("train")
     signals = [run.signals for run in train]
