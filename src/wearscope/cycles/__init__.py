@@ -1,1 +1,1 @@
-"""Test-cycles: one file each, a jerk-limited reference motion of all joints."""
+"""Test-cycles: one file for each, which builds a jerk-limited reference motion of all joints."""

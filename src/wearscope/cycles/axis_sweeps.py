@@ -1,4 +1,4 @@
-"""One axis after another back and forth, in a low and a high speed band of its motor."""
+"""Test-cycle in which one axis after another sweeps back and forth at low and high motor speeds."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from wearscope.cycles.base import Cycle, Reference
 from wearscope.cycles.motion import MotionPlan
 from wearscope.robots.model import RobotModel
 
-# Motor speed [rad/s] of each sweep, time [s] at that speed from home to the end of the sweep, side of the
-# end. How wear resembles temperature differs between the bands 1 to 50 and 50 to 280 rad/s, so a test-cycle
-# should visit both.
+# For each sweep: motor speed [rad/s]; time [s] that the distance from home takes at that speed, 0 for the way
+# back home; side of the end. Wear changes friction much as temperature does, but differently between 1 and
+# 50 rad/s than between 50 and 280 rad/s. So a test-cycle should visit both bands.
 SWEEPS = ((15.0, 0.5, 1.0), (40.0, 0.4, -1.0), (110.0, 0.5, 1.0), (200.0, 0.4, -1.0), (200.0, 0.0, 1.0))
-# A sweep ends within this share of the excursion.
+# A sweep covers at most this share of the excursion.
 LARGEST_SHARE = 0.9
 
 

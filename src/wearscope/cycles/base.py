@@ -1,4 +1,4 @@
-"""Test-cycles: their form, how they are found, and whether a robot can follow them."""
+"""Test-cycles: their form, loading by name or file, and the check that a robot can follow them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
-# A limit may be exceeded by this share: planners reach limits to rounding.
+# A limit may be exceeded by this share, as planners reach limits up to rounding errors.
 TOLERANCE = 1e-6
-# Robots with more joints than this have longer motions, which are checked in coarser steps.
+# Robots with more joints than this are checked in coarser time steps, as their motions take longer.
 MANY = 12
 
 
@@ -55,12 +55,12 @@ class Cycle:
 
 
 def load_cycle(reference: str) -> Cycle:
-    """Test-cycle by its name in this room, or by the path of a ``.py`` file that defines ``CYCLE``.
+    """Load a test-cycle by its name, or by the path of a ``.py`` file that defines ``CYCLE``.
 
     Raises
     ------
     InputError
-        Where there is none, or ``CYCLE`` is no `Cycle`.
+        Where there is no such test-cycle, or ``CYCLE`` is no `Cycle`.
     """
     cycle = plugins.load(reference, "cycles", "CYCLE")
     if not isinstance(cycle, Cycle):
@@ -69,12 +69,12 @@ def load_cycle(reference: str) -> Cycle:
 
 
 def list_cycles() -> list[str]:
-    """Names of the test-cycles of this room."""
+    """Return the names of the platform's and the installed test-cycles."""
     return plugins.list_names("cycles", "CYCLE")
 
 
 def find_coarse_step(model: RobotModel) -> float:
-    """Time step [s] that shows a motion's torques: coarser for many joints, or where one is slow."""
+    """Return a time step [s] that resolves a motion's torques; it is coarser for many or slow joints."""
     slowest = float(np.min(model.motion_limits()[1]))
     return 0.01 * max(1.0, model.n / MANY) * max(1.0, slowest**-0.5)
 
@@ -82,18 +82,20 @@ def find_coarse_step(model: RobotModel) -> float:
 def required_torque(
     reference: Reference, model: RobotModel, temperature: float, wear: float | Array, payload_factor: float
 ) -> Array:
-    """Motor torque (N, n) along a reference: rigid body, rotors and the model's joint torque effects.
+    """Return the motor torque (N, n) along a reference: rigid body, rotors, and effects at the joints.
 
     Parameters
     ----------
+    reference : Reference
+    model : RobotModel
     temperature : float
-        Of all joints [deg C].
+        Temperature of all joints [deg C].
     wear : float or array (n,)
-        Level f of the wearing joints [-]; that of others does not count.
+        Wear index f of the wearing joints [-]; values of other joints are ignored.
     payload_factor : float
-        True over declared payload mass.
+        True payload mass over the declared one.
     """
-    # Imported here: effects bring numba, which whoever only plans a motion need not wait for.
+    # Imported here: effects import numba, which takes seconds and is not needed to plan a motion.
     from wearscope.effects.base import Signals, load_effect
 
     payload = model.declared_payload
@@ -125,20 +127,20 @@ def check_reference(
     reference : Reference
     model : RobotModel
     cycle : str
-        What messages call the motion.
+        Name of the motion in messages.
     temperatures : sequence of float
-        The torque is checked at each [deg C].
+        Temperatures at which the torque is checked [deg C].
     wear : float
-        Highest wear level f.
+        Largest wear index f [-].
     payload_error : float
-        Payload mass is checked at 1 - this and 1 + this.
+        The torque is checked with the payload mass times 1 minus and 1 plus this share.
 
     Raises
     ------
     InputError
-        Naming cycle, robot, joint, time and limit: malformed arrays, speeds that are not the derivative of
-        the positions, a motion that does not start and end at rest, or that leaves the limits on position,
-        speed, acceleration or torque.
+        Where arrays have a wrong shape, speeds are not the derivative of the positions, the motion does not
+        start and end at rest, or it exceeds a limit on position, speed, acceleration or torque. The sentence
+        names test-cycle, robot, joint, time and limit.
     """
     where = f"test-cycle '{cycle}' on robot '{model.name}'"
     _check_form(reference, model, where)
@@ -168,6 +170,7 @@ def check_reference(
 
 
 def _check_form(reference: Reference, model: RobotModel, where: str) -> None:
+    """Refuse wrong shapes, uneven time steps, inconsistent derivatives, and motion at the ends."""
     t = np.asarray(reference.t)
     if t.ndim != 1 or len(t) < 2:
         raise InputError(f"{where}: t has the shape {t.shape}; give at least two instants (N,).")
@@ -189,8 +192,7 @@ def _check_form(reference: Reference, model: RobotModel, where: str) -> None:
         ("a", reference.v, reference.a, jerk),
     ):
         error = np.abs(np.diff(values, axis=0) / steps[:, None] - 0.5 * (rate[1:] + rate[:-1]))
-        # Over one step, the mean of the rates at its ends misses the true change by at most the bound of the
-        # next rate times the step.
+        # The trapezoidal rule over one step is off by at most the largest slope of the rate times the step.
         row, joint = (int(k) for k in np.unravel_index(np.argmax(error / bound), error.shape))
         if error[row, joint] > bound[joint] * steps[row]:
             raise InputError(

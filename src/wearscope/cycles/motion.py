@@ -1,4 +1,4 @@
-"""Building blocks of test-cycles: postures as shares of a robot's own range, and moves within its limits."""
+"""Building blocks of test-cycles: postures as shares of a robot's range, and moves within its limits."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,23 +13,23 @@ from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
-# Test-cycles stay within this distance of the home posture [rad or m] and this share of the way to a limit.
+# Each joint stays within this distance of home [rad or m], and this share of the way from home to a limit.
 LARGEST_EXCURSION = 0.8
 SHARE_OF_RANGE = 0.9
-# Motor speed [rad/s] that counts as the whole speed limit of a joint whose gear ratio is unknown.
+# Motor speed [rad/s] that is assumed at the speed limit of a joint whose gear ratio is unknown.
 MOTOR_SPEED_AT_LIMIT = 300.0
 
-# Position, speed, acceleration (k, n) at times (k,) since the motion's start.
+# Function that returns position, speed and acceleration (k, n) at times (k,) since the motion's start [s].
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class MotionPlan:
-    """A motion put together move by move, from and to rest, and sampled at the end.
+    """A motion that is planned move by move, each from rest to rest, and sampled at the end.
 
     Parameters
     ----------
     model : RobotModel
-        Starts at its home posture.
+        Robot; the motion starts at its home posture.
     dwell : float
         Pause before each move [s].
     step : float
@@ -64,13 +64,13 @@ class MotionPlan:
 
     @property
     def duration(self) -> float:
-        """Time of what is planned so far [s]."""
+        """Duration of the moves planned so far [s]."""
         return sum(duration for duration, _ in self._segments)
 
     def posture_at(self, shares: ArrayLike) -> Array:
-        """Posture (n,) at shares of the way from home (0) to the lower (-1) or upper (1) end of the range.
+        """Return the posture (n,) at shares of the way from home (0) to the lower (-1) or upper (1) end.
 
-        A longer list is cut to the robot's joints; a shorter one is filled with 0.
+        A list longer than the robot's joints is cut; a shorter one is filled with 0.
         """
         padded = np.zeros(self.n)
         given = np.asarray(shares, dtype=float)[: self.n]
@@ -78,11 +78,11 @@ class MotionPlan:
         return self.home + np.where(padded < 0.0, padded * self._down, padded * self._up)
 
     def excursion(self) -> Array:
-        """Distance (n,) that fits to both sides of home."""
+        """Return the distance (n,) that each joint can move to both sides of home."""
         return np.minimum(self._down, self._up)
 
     def joint_speed(self, motor_speed: float) -> Array:
-        """Joint speed (n,) at a motor speed [rad/s], at most 0.9 of the limit."""
+        """Return the joint speed (n,) at a motor speed [rad/s], at most 0.9 times the speed limit."""
         if self.model.drive.gear_ratio is None:
             wanted = motor_speed / MOTOR_SPEED_AT_LIMIT * self.speed
         else:
@@ -96,32 +96,35 @@ class MotionPlan:
         acceleration: float = 0.3,
         top_speed: ArrayLike | None = None,
     ) -> None:
-        """Dwell, then move all joints to a posture (n,) in the same time, limited up to the jerk.
+        """Dwell, then move all joints to a posture (n,), within limits on speed, acceleration and jerk.
+
+        All joints start and arrive together. A move to the present posture is left out, with its dwell.
 
         Parameters
         ----------
+        posture : array (n,)
         speed : float
             Share of the speed limits.
         acceleration : float
             Share of the acceleration and jerk limits.
         top_speed : array (n,), optional
-            Joint speeds instead of a share of the limits.
+            Largest joint speeds, in place of `speed`.
         """
         top = speed * self.speed if top_speed is None else np.asarray(top_speed, dtype=float)
         target = np.asarray(posture, dtype=float)
         if np.array_equal(target, self.posture):
             return
         trajectory = self._plan(target, top, acceleration)
-
         self.run(trajectory.duration, partial(_follow, trajectory), target)
 
     def _plan(self, target: Array, top: Array, acceleration: float) -> Trajectory:
+        """Plan a move with Ruckig within speeds `top` and a share of the acceleration and jerk limits."""
         order = InputParameter(self.n)
         order.current_position = self.posture.tolist()
         order.target_position = target.tolist()
         order.max_velocity = top.tolist()
-        # Ruckig finds no profile for a distance at which a limit is reached in one point only; a slightly
-        # lower limit moves that point away.
+        # Ruckig fails at distances at which the acceleration limit is only just reached; a slightly lower
+        # limit avoids this case.
         for share in (1.0, 0.99, 0.97):
             order.max_acceleration = (share * acceleration * self.acceleration).tolist()
             order.max_jerk = (acceleration * self.jerk).tolist()
@@ -129,7 +132,7 @@ class MotionPlan:
             try:
                 if Ruckig(self.n).calculate(order, trajectory) in (Result.Working, Result.Finished):
                     return trajectory
-            except (RuckigError, ValueError):  # a code of Ruckig that its binding has no name for
+            except (RuckigError, ValueError):  # the latter for an error code that the binding does not know
                 continue
         raise InputError(
             f"robot '{self.model.name}': no motion from {self.posture.round(3)} to {target.round(3)} found; "
@@ -143,7 +146,7 @@ class MotionPlan:
         self.posture = np.asarray(end, dtype=float)
 
     def pause(self, duration: float) -> None:
-        """Stay where the robot is."""
+        """Hold the present posture for a duration [s]."""
         held = self.posture.copy()
 
         def hold(times: Array) -> tuple[Array, Array, Array]:
@@ -173,7 +176,7 @@ class MotionPlan:
 
 
 def _follow(trajectory: Trajectory, times: Array) -> tuple[Array, Array, Array]:
-    """Sample a trajectory from rest as its `at_time` does, to the last bit, at many times (k,) in one go."""
+    """Sample a trajectory at times (k,) at once; the values equal those of its `at_time` to the last bit."""
     (profiles,) = trajectory.profiles
     ends = np.cumsum([profile.t for profile in profiles], axis=1)
     phase = np.sum(times[:, None, None] >= ends, axis=2)

@@ -1,4 +1,4 @@
-"""Periodic excitation: finite Fourier series of all axes, once large and fast, once small and slow.
+"""Test-cycle of periodic excitation: Fourier series of all axes, once large and fast, once small and slow.
 
 Swevers et al., "Optimal robot excitation and identification", IEEE Transactions on Robotics and Automation
 13(5), 1997, with fixed coefficients in place of optimised ones.
@@ -14,23 +14,28 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
 HARMONICS = np.arange(1, 4)
-# Share of the excursion that each run fills; with one base frequency for both the small one is slow.
+# Share of the excursion that each of the two runs fills. Both have the same frequency, so the small one is
+# slow.
 SIZES = (0.6, 0.1)
-# Share of the limits on speed, acceleration and jerk that the largest run reaches.
+# Share of the limits on speed, acceleration and jerk that the larger run reaches.
 EFFORT = 0.6
-# Phase covered at full rate, and phase time taken to reach that rate and to lose it again [rad].
+# Phase of one period [rad]; time of the smooth start, and of the stop, in units of the frequency's inverse
+# [rad].
 TURN, RISE = 2.0 * np.pi, 0.3 * np.pi
 
 
 def _coefficients(n: int) -> tuple[Array, Array]:
-    """Sine and cosine coefficients (n, H): equal weight in speed, phases spread by the golden ratio."""
+    """Return sine and cosine coefficients (n, H), of equal amplitude in speed.
+
+    The golden ratio spreads the phases evenly over joints and harmonics.
+    """
     count = len(HARMONICS)
     turns = np.mod(0.6180339887498949 * np.arange(1, count * n + 1).reshape(n, count), 1.0)
     return np.sin(2.0 * np.pi * turns) / HARMONICS, np.cos(2.0 * np.pi * turns) / HARMONICS
 
 
 def _series(phase: Array, n: int, order: int) -> Array:
-    """Derivative (k, n) of the given order by the phase (k,) [rad]."""
+    """Return the derivative (k, n) of the series with respect to the phase (k,) [rad], of a given order."""
     sine, cosine = _coefficients(n)
     argument = np.multiply.outer(phase, HARMONICS) + 0.5 * np.pi * order
     weight = HARMONICS.astype(float) ** order
@@ -38,10 +43,13 @@ def _series(phase: Array, n: int, order: int) -> Array:
 
 
 def _phase(time: Array) -> tuple[Array, Array, Array]:
-    """Phase [rad], its rate (0 at both ends of a run, 1 between) and the rate's slope at phase times (k,)."""
+    """Return the phase [rad], its rate and the slope of the rate at times (k,) in units of 1 / frequency.
+
+    The rate rises smoothly from 0 at the run's start to 1, and falls back to 0 at its end.
+    """
     total = TURN + RISE
     x = np.clip(np.minimum(time, total - time) / RISE, 0.0, 1.0)
-    # The smooth step 10 x^3 - 15 x^4 + 6 x^5, its integral and its slope.
+    # The rate is the smooth step 10 x^3 - 15 x^4 + 6 x^5; slope and phase are its derivative and integral.
     rate = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
     slope = np.where(time < 0.5 * total, 1.0, -1.0) * 30.0 * (x * (1.0 - x)) ** 2 / RISE
     covered = RISE * x**4 * (2.5 - 3.0 * x + x * x)
@@ -50,7 +58,7 @@ def _phase(time: Array) -> tuple[Array, Array, Array]:
 
 
 def _follow(time: Array, centre: Array, scale: Array, frequency: float) -> tuple[Array, Array, Array]:
-    """Position, speed, acceleration (k, n) at times (k,) since the run's start, `frequency` in rad/s."""
+    """Return position, speed and acceleration (k, n) at times (k,) [s] of a run; `frequency` in rad/s."""
     phase, rate, slope = _phase(frequency * time)
     zeroth, first, second = (_series(phase, len(centre), order) for order in range(3))
     speed = scale * first * (frequency * rate)[:, None]
@@ -59,12 +67,12 @@ def _follow(time: Array, centre: Array, scale: Array, frequency: float) -> tuple
 
 
 def _find_frequency(plan: MotionPlan, scale: Array) -> float:
-    """Base frequency [rad/s] at which the first axis reaches its share of a limit."""
+    """Return the largest base frequency [rad/s] at which every axis stays within `EFFORT` of its limits."""
     time = np.linspace(0.0, TURN + RISE, 4001)
     _, speed, acceleration = _follow(time, np.zeros(plan.n), scale, 1.0)
     jerk = np.diff(acceleration, axis=0) / np.diff(time)[:, None]
-    # Speed, acceleration and jerk grow with the first, second and third power of the frequency; a joint
-    # without range reaches none of its limits.
+    # Speed, acceleration and jerk grow with the first, second and third power of the frequency. A joint
+    # without range does not move and gives a division by zero.
     with np.errstate(divide="ignore"):
         return min(
             float(np.min(EFFORT * limit / np.abs(values).max(axis=0))) ** (1.0 / power)
@@ -75,7 +83,7 @@ def _find_frequency(plan: MotionPlan, scale: Array) -> float:
 
 
 def build(model: RobotModel, dwell: float, step: float) -> Reference:
-    """Two runs of one period each, between smooth starts and stops."""
+    """Follow one period of the series twice, large and small, each with a smooth start and stop."""
     plan = MotionPlan(model, dwell, step)
     shape = _series(np.linspace(0.0, TURN, 2001), plan.n, 0)
     middle, half = 0.5 * (shape.max(axis=0) + shape.min(axis=0)), 0.5 * np.ptp(shape, axis=0)

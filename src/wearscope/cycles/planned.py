@@ -1,4 +1,4 @@
-"""Motions made from a few numbers, within a robot's limits, to show effects that another motion did not."""
+"""Motions that a few numbers define, planned within a robot's limits; a diagnosis proposes them as tests."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,36 +11,36 @@ from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
 
 KINDS = ("sweeps", "postures", "points", "fourier", "strokes")
-#: Targets lie at this share of the way to a joint's limit; where there is no limit, this far from home [rad
-#: or m].
+#: A motion uses this share of the way from home to a joint's limit; where there is no limit, this distance
+#: from home [rad or m].
 SHARE, OPEN = 0.95, 1.5
 #: Speeds of the sweeps, as shares of the largest speed.
 SPEEDS = (0.02, 0.05, 0.12, 0.3, 0.7, 1.0)
-#: Harmonics of the Fourier series; seconds to start and to stop it.
+#: Number of harmonics of the Fourier series; time of its smooth start, and of its stop [s].
 HARMONICS, RISE = 6, 1.5
 
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """A motion to build for a robot.
+    """A motion that can be built for a robot.
 
     Attributes
     ----------
     kind : str
-        ``sweeps``: the joint over its range at six constant speeds; ``postures``: the same at two speeds with
-        the other joints in three postures; ``points``: moves between drawn postures; ``fourier``: drawn
-        Fourier series; ``strokes``: short strokes to and fro about five positions.
+        ``sweeps``: the joint moves over its range at six constant speeds; ``postures``: the same at two
+        speeds, with the other joints in three random postures; ``points``: moves between random postures;
+        ``fourier``: random Fourier series; ``strokes``: short strokes back and forth about five positions.
     joint : int or None
-        That moves alone (``sweeps``, ``postures``, ``strokes``); all together where None.
+        Joint that moves alone (``sweeps``, ``postures``, ``strokes``); None moves all together.
     seed : int
-        Of what is drawn.
+        Seed of the random postures and series.
     pace, size : float
-        Share of the speed limits and of the range.
+        Share of the speed limits, and of the range.
     seconds : float
-        Longest duration; moves that do not fit are left out.
+        Duration after which no further move is added [s].
     within : mapping or None
-        `home`, `lower`, `upper`, `speed`, `acceleration`, `jerk` by joint that the motion was planned within;
-        the robot's own where None.
+        `home`, `lower`, `upper`, `speed`, `acceleration`, `jerk` by joint, within which the motion is
+        planned; None takes those of the robot.
     """
 
     kind: str
@@ -53,12 +53,12 @@ class PlannedMotion:
 
     @property
     def name(self) -> str:
-        """Name made of the motion's kind and numbers."""
+        """Name of the motion, made of its kind and numbers."""
         who = "all" if self.joint is None else f"j{self.joint + 1}"
         return f"{self.kind}_{who}_{self.seed}_{round(100 * self.pace)}_{round(100 * self.size)}"
 
     def describe(self, joints: list[str]) -> str:
-        """What moves, in words."""
+        """Describe the motion in words."""
         who = "all joints" if self.joint is None else f"joint {joints[self.joint]}"
         what = {
             "sweeps": f"sweeps of {who} at constant speeds from {100 * SPEEDS[0] * self.pace:.0f} to "
@@ -73,13 +73,13 @@ class PlannedMotion:
         )
 
     def build(self, model: RobotModel, dwell: float, step: float) -> Reference:
-        """Reference motion of a robot; see `wearscope.cycles.base.Cycle`."""
+        """Build the reference motion for a robot; see `wearscope.cycles.base.Cycle`."""
         plan = MotionPlan(self._limit(model), dwell, step)
         getattr(self, f"_plan_{self.kind}")(plan)
         return plan.finish()
 
     def _limit(self, model: RobotModel) -> RobotModel:
-        """Robot with the limits that the motion was planned within."""
+        """Return the robot with the limits in `within`."""
         if self.within is None:
             return model
         given = {key: [float(x) for x in values] for key, values in self.within.items()}
@@ -88,7 +88,7 @@ class PlannedMotion:
         return model.replace(drive=drive, home=given["home"], lower=given["lower"], upper=given["upper"])
 
     def plan_within(self, model: RobotModel) -> "PlannedMotion":
-        """The same motion with this robot's limits, which hold whatever robot it is built for later."""
+        """Return the same motion with this robot's limits stored, so that every later build uses them."""
         low, high = model.position_limits
         speed, acceleration, jerk = model.motion_limits()
         values = {
@@ -102,28 +102,29 @@ class PlannedMotion:
         return replace(self, within={key: x.tolist() for key, x in values.items()})
 
     def make_cycle(self, joints: list[str]) -> Cycle:
-        """The motion as a test-cycle."""
+        """Return the motion as a test-cycle."""
         text = self.describe(joints)
         return Cycle(self.name, f"{text[0].upper()}{text[1:]}.", self.build)
 
     def _range(self, plan: MotionPlan) -> tuple[Array, Array]:
-        """Ends (n,) of the part of each joint's range that is used."""
+        """Return the lower and upper ends (n,) of the part of each joint's range that is used."""
         lower, upper = plan.model.position_limits
         down = np.where(np.isfinite(lower), SHARE * (plan.home - lower), OPEN)
         up = np.where(np.isfinite(upper), SHARE * (upper - plan.home), OPEN)
         return plan.home - self.size * down, plan.home + self.size * up
 
-    def _targets(self, plan: MotionPlan, end: Array) -> Array:
-        """Posture in which the joints that move are at `end`, the others where they are."""
+    def _targets(self, plan: MotionPlan, end: Array, others: Array | None = None) -> Array:
+        """Return the posture with the moving joints at `end`, the others at `others` or where they are."""
         moves = np.ones(plan.n, bool) if self.joint is None else np.arange(plan.n) == self.joint
-        return np.where(moves, end, plan.posture)
+        return np.where(moves, end, plan.posture if others is None else others)
 
     def _plan_sweeps(self, plan: MotionPlan) -> None:
+        """Sweep back and forth at each of the constant speeds."""
         low, high = self._range(plan)
         budget = self.seconds / len(SPEEDS)
         for share in SPEEDS:
             top = share * self.pace * plan.speed
-            # A slow sweep covers as much of the range, about its middle, as the time allows.
+            # A slow sweep covers only as much of the range, about its middle, as the time allows.
             reach = np.minimum(0.5 * (high - low), 0.5 * top * max(0.5 * budget - 0.5, 0.3))
             middle = 0.5 * (low + high)
             plan.move_to(self._targets(plan, middle - reach), 0.5)
@@ -133,29 +134,31 @@ class PlannedMotion:
                 break
 
     def _plan_postures(self, plan: MotionPlan) -> None:
+        """Sweep at two speeds with the other joints in three random postures."""
         low, high = self._range(plan)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, 1]))
-        moves = np.ones(plan.n, bool) if self.joint is None else np.arange(plan.n) == self.joint
         for _ in range(3):
             place = low + rng.uniform(0.1, 0.9, plan.n) * (high - low)
             for share in (0.15, 0.6):
                 top = share * self.pace * plan.speed
                 for end in (low, high):
-                    plan.move_to(np.where(moves, end, place), acceleration=0.5, top_speed=top)
+                    plan.move_to(self._targets(plan, end, place), acceleration=0.5, top_speed=top)
                     if plan.duration > self.seconds:
                         return
 
     def _plan_points(self, plan: MotionPlan) -> None:
+        """Move all joints between random postures at random speeds."""
         low, high = self._range(plan)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, 2]))
         while plan.duration < self.seconds:
             end = low + rng.uniform(0.0, 1.0, plan.n) * (high - low)
             pace = self.pace * float(rng.choice([0.1, 0.4, 1.0]))
             here = plan.posture
-            # Slow moves are short.
+            # A slow move goes only part of the way, so that it does not take too long.
             plan.move_to(here + min(1.0, 2.0 * pace) * (end - here), pace, acceleration=0.8)
 
     def _plan_strokes(self, plan: MotionPlan) -> None:
+        """Make short strokes back and forth about five positions."""
         low, high = self._range(plan)
         for share in (0.1, 0.3, 0.5, 0.7, 0.9):
             centre = low + share * (high - low)
@@ -168,6 +171,7 @@ class PlannedMotion:
                 return
 
     def _plan_fourier(self, plan: MotionPlan) -> None:
+        """Follow a random Fourier series with a smooth start and stop, scaled to the range and the limits."""
         low, high = self._range(plan)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, 3]))
         span = self.seconds - 4.0
@@ -213,7 +217,7 @@ class PlannedMotion:
 
 
 def write_cycle(motion: PlannedMotion, joints: list[str], reason: str) -> str:
-    """Text of a ``.py`` file that defines the motion as ``CYCLE``."""
+    """Return the text of a ``.py`` file that defines the motion as ``CYCLE``; `reason` is its docstring."""
     fields = ", ".join(f"{name}={value!r}" for name, value in vars(motion).items())
     return (
         f'"""{reason}"""\n\n'

@@ -1,4 +1,4 @@
-"""Slow reversals of all axes about two postures, and the moves between them."""
+"""Test-cycle of slow reversals of all axes about two postures."""
 
 import numpy as np
 
@@ -6,14 +6,15 @@ from wearscope.cycles.base import Cycle, Reference
 from wearscope.cycles.motion import MotionPlan
 from wearscope.robots.model import RobotModel
 
+# Shares of each axis's range; and direction in which each axis starts a stroke.
 POSTURES = ((0.5, -0.4, 0.5, 0.4, 0.4, 0.5, 0.4), (-0.5, 0.4, -0.5, -0.4, -0.4, -0.5, -0.4))
 DIRECTIONS = (1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0)
-# Motor speed [rad/s] of each stroke and how long it is held [s].
+# Motor speed of each stroke [rad/s], and time that its distance takes at that speed [s].
 STROKES = ((4.0, 0.4), (12.0, 0.4), (36.0, 0.4))
 
 
 def build(model: RobotModel, dwell: float, step: float) -> Reference:
-    """Strokes to and fro at three slow speeds about each posture."""
+    """Make strokes back and forth at three slow speeds about each posture."""
     plan = MotionPlan(model, dwell, step)
     turn = np.resize(DIRECTIONS, plan.n)
     for shares in POSTURES:

@@ -1,4 +1,4 @@
-"""Spot welding: rows of short hops between spots, slow approaches, long fast transfers between rows."""
+"""Test-cycle like spot welding: rows of short hops between spots, slow approaches, long fast transfers."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from wearscope.cycles.base import Cycle, Reference
 from wearscope.cycles.motion import MotionPlan
 from wearscope.robots.model import RobotModel
 
+# Shares of each axis's range: start of each row; hop to the next spot; approach of the gun to a spot.
 ROWS = ((0.8, -0.3, 0.4, 0.5, 0.4, 0.6, 0.4), (-0.8, 0.4, -0.4, -0.5, -0.4, -0.6, -0.4))
 HOP = (0.05, 0.10, -0.12, 0.08, 0.10, -0.08, 0.08)
 APPROACH = (0.02, 0.04, 0.05, 0.0, -0.04, 0.0, 0.03)
@@ -13,7 +14,7 @@ SPOTS = 4
 
 
 def build(model: RobotModel, dwell: float, step: float) -> Reference:
-    """Two rows of four spots, a transfer before each; the gun approaches every spot slowly."""
+    """Visit two rows of four spots, with a fast transfer before each row and a slow approach to each spot."""
     plan = MotionPlan(model, dwell, step)
     hop, approach = np.array(HOP), np.array(APPROACH)
     for row in ROWS:

@@ -1,1 +1,1 @@
-"""Joint-torque effects: one file each, one object for identification, simulation and verdict."""
+"""Joint-torque effects: one file and one object for each, used by identification, simulation and verdict."""

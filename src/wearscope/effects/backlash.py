@@ -1,7 +1,7 @@
 """Lost motion between motor and link at torque reversal.
 
-Robot gears have 1 arc minute, planetary gears of the plainest class up to 20 (6 mrad), a worn screw or rack
-1 mm.
+Robot gears have 1 arc minute of lost motion, planetary gears of the lowest class up to 20 (6 mrad), a worn
+screw or rack 1 mm. These figures set the believable range.
 """
 
 import numpy as np

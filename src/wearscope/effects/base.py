@@ -1,4 +1,4 @@
-"""The door of the room: what an effect's file needs, and how an effect is loaded."""
+"""All names that an effect's file imports, and the loading of effects by name or file."""
 
 from pathlib import Path
 
@@ -68,17 +68,17 @@ __all__ = [
 
 
 def load_effect(reference: str, allow_code: bool = True, folder: str | Path | None = None) -> Effect:
-    """Effect by its name in the vocabulary or an installed package, or by the path of an own effect's file.
+    """Load an effect of the platform or an installed package by its name, or a user's own by its file.
 
     Parameters
     ----------
     reference : str
         A name, or the path of a ``.py`` file that defines ``EFFECT``.
     allow_code : bool
-        Whether a file may run. A data set may come from someone else: what it names runs only where the user
-        allows it.
+        Whether a file may run. A data set may come from someone else, so the code that it names runs only
+        where the user allows it.
     folder : path-like, optional
-        Folder that a relative path starts from: that of the file which names the effect.
+        Folder to which a relative path refers: that of the file which names the effect.
 
     Returns
     -------
@@ -88,7 +88,8 @@ def load_effect(reference: str, allow_code: bool = True, folder: str | Path | No
     Raises
     ------
     InputError
-        Where there is no such effect, its file may not run, or it breaks a rule (`check_own_effect`).
+        Where there is no such effect, its file may not run, or it breaks a rule (see
+        `wearscope.effects.own_effect.check_own_effect`).
     """
     if not reference.endswith(".py"):
         if not plugins.is_built_in(reference, "effects"):

@@ -1,4 +1,4 @@
-"""Coulomb level that differs between the two directions."""
+"""Coulomb friction that differs between the two directions of motion."""
 
 from wearscope.effects.base import REVERSALS, Effect, Parameter, compile_row
 

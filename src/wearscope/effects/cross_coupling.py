@@ -1,4 +1,4 @@
-"""Torque driven by the motion of another joint (wrist couplings)."""
+"""Torque at a joint from the motion of another joint, as in the coupled gears of a wrist."""
 
 import numpy as np
 

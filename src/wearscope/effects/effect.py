@@ -1,9 +1,9 @@
-"""What an effect is: one formula with two uses, and all that is known of it.
+"""The class `Effect`: one formula for a joint's torque, used for identification and simulation.
 
 An effect is a contribution to the torque that a motor must supply at a joint. Its compiled `row` writes the
-regressors of one sample; identification stacks the rows along measured signals, and the simulator multiplies
-the same row with the parameters at each step. An effect is linear in its `coefficients` and may depend on
-further `shape` parameters; `states` carry memory (presliding) from one sample to the next.
+regressors of one sample. Identification stacks these rows along measured signals; the simulator multiplies
+the same row with the parameters at each step. The torque is linear in the `coefficients` and may depend on
+further `shape` parameters nonlinearly. Internal states, as of presliding, pass from one sample to the next.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +17,8 @@ from wearscope.effects.rows import Plant, Term, stack_rows
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 
-#: Motions that show effects, one sentence each, so that advice for several effects agrees.
+#: Motions that show effects, one sentence each. Effects share them, so that advice for several effects
+#: agrees.
 SPEEDS = "move in both directions at several constant speeds, from 1 % to 100 % of the largest one"
 SLOW_MOTION = "add slow motion: constant speeds below 5 % of the largest one, in both directions"
 RANGE = "cover the whole position range slowly, in both directions"
@@ -35,14 +36,14 @@ WEAR = "repeat the motion new and worn, at one temperature"
 OTHERS = "repeat the motion at other speeds, in other postures and with another payload"
 
 
-#: Half width of the search about a grid value of a shape parameter, in the parameter's logarithm: neighbours
-#: on a grid differ by factors of up to e^0.8.
+#: Half width of the search about a grid value of a shape parameter, in its logarithm. Neighbours on a grid
+#: differ by factors of up to e^0.8.
 SEARCH_WIDTH = 0.8
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A joint-torque effect of the vocabulary.
+    """A joint-torque effect. The vocabulary is all effects of the platform.
 
     Attributes
     ----------
@@ -50,98 +51,104 @@ class Effect:
     form : str
         The formula, as text.
     coefficients : tuple of Parameter
-        Parameters in which the torque is linear, one a regressor column.
+        Parameters in which the torque is linear, one for each regressor column.
     source : str
         Reference of the form.
     shape : tuple of Parameter
-        Parameters in which it is not.
+        Parameters in which the torque is not linear.
     row : callable or None
-        Compiled with `compile_row`; None for effects that are no torque of the joint's own motion.
+        Function that writes the regressors of one sample, compiled with `compile_row`; None for an effect
+        that is not a torque of the joint's own motion.
     regressors : callable or None
-        ``regressors(signals, joint, shape)`` gives the regressors (N, p), or (N, n, p) where `spread`, of
-        signals that have further channels, which `row` does not see. Where there is a `row` too, it stands
-        for signals without channels, such as those of a planned motion, and is what is simulated.
+        ``regressors(signals, joint, shape)`` returns regressors (N, p), or (N, n, p) where `spread`, from
+        signals with further measured channels, which `row` does not get. An effect that also has a `row` uses
+        it for signals without channels, such as those of a planned motion, and in the simulation.
     n_states : int
+        Number of internal states.
     depends_on : tuple of str
         Signals, with ``{joint}`` for the joint and ``{other}`` for a driving joint.
     spread : bool
-        Whether the effect at one joint is felt in the torque of every joint.
+        Whether the effect at one joint changes the torque of every joint.
     variants : tuple of tuple of str
-        Subsets of coefficients that make sense on their own; all of them together where empty.
+        Subsets of coefficients that the search tries on their own; empty for all of them together.
     extensions : tuple of tuple of str
-        Richer subsets that only ever refine an effect that a variant has already named.
+        Larger subsets, which the search tries only where a variant was already named.
     search : callable or None
-        Values of the shape parameters worth trying for given signals and joint, (S, k); the defaults where
-        None.
+        ``search(signals, joint)`` returns values of the shape parameters to try, (S, k); None tries the
+        defaults.
     searched : int or None
-        Number of shape parameters that the search fits to the torque; where None, those that are estimated.
+        Number of shape parameters that the search fits to the torque; None for those that are estimated.
     search_width : callable or None
-        ``search_width(signals, joint, shape)``: half width, in the logarithm of the first estimated shape
-        parameter, of the range about `shape` that holds the best value; `SEARCH_WIDTH` where None.
+        ``search_width(signals, joint, shape)`` returns the half width of the search about `shape`, in the
+        logarithm of the first estimated shape parameter; `SEARCH_WIDTH` where None.
     standard : bool
-        Whether a plain joint has it, so that the search tries it first.
+        Whether a usual joint has the effect, so that the search tries it first.
     candidate : bool
-        Whether a model that lacks it may be told so by name; False for what is only declared or generic.
+        Whether the diagnosis may name the effect as missing; False for one that is only declared, or generic.
     empirical : bool
         Whether it is a generic form whose coefficients have no meaning of their own.
     parents : tuple of str
         At least one of these effects must be in the joint's model before this one is a candidate.
     contains : tuple of str
-        Effects whose columns lie in the span of its own, so that it leaves nothing of them to find.
+        Effects whose columns are linear combinations of its own, so that they need not be searched next to
+        it.
     parts : mapping of str to tuple of str
-        Effects that are a part of it, each with the parameters that it shares with them.
+        Effects that are a part of this one, each with the names of the parameters that both share.
     corrects : str
-        Declared effect with given values whose error this is: a candidate only together with that one.
+        Declared effect with given values, of which this effect is the error. It is a candidate only where
+        that effect is declared.
     given_by : str
-        Field that may give its value, in a model's `drive` or a data set's `robot`; where it does, nothing
-        is fitted.
+        Field of a model's `drive` or a data set's `robot` that may give the value; then nothing is fitted.
     repeatable : bool
-        Whether a joint can have several of it.
+        Whether a joint can have the effect several times.
     per_robot : bool
-        Whether there is one for the whole robot, which stands at the last joint.
+        Whether the effect belongs to the whole robot; it is then listed at the last joint.
     applies : callable or None
-        ``applies(signals, joint)``: whether the signals hold what it needs; always where None.
+        ``applies(signals, joint)`` returns whether the signals hold what the effect needs; None for always.
     lacking : str
-        What to say of signals to which it does not apply; empty where there is nothing to record.
+        Message for signals to which the effect does not apply; empty where no recording could change that.
     least : callable or None
-        ``least(signals)``: smallest believable size of its first coefficient; 0 where None.
+        ``least(signals)`` returns the smallest believable magnitude of the first coefficient; 0 where None.
     periodic : bool
-        Whether it is periodic in the joint's position, with its first shape parameter as wavenumber, so that
-        a spectrum of the residual over position shows which are worth trying.
+        Whether the effect is periodic in the joint's position, with its first shape parameter as wavenumber.
+        The search then takes the wavenumbers to try from a spectrum of the residual over position.
     resembles_any : callable or None
-        ``resembles_any(signals, joint, shape)``: whether it can follow any function of its signals with that
-        shape, so that it needs more evidence; never where None.
+        ``resembles_any(signals, joint, shape)`` returns whether the effect can, with that shape, follow any
+        function of its signals, so that it needs more evidence; None for never.
     opposes_gravity : bool
-        Whether it is built to take gravity's load off its joint, and is believed first where it does.
+        Whether the effect is built to balance gravity at its joint; the search prefers it where it does.
     excitation : str
-        Motion that shows it best.
+        Motion that shows the effect best.
     excitation_alone : str
-        The same on a robot of a single joint; `excitation` where empty.
+        The same for a robot with a single joint; empty for `excitation`.
     title : str
-        What people call it, where the name as text says too little.
+        Usual name, where `name` is not clear enough.
     name_driver : callable or None
-        ``name_driver(shape, joints, joint)``: signals it depends on, where its shape says which.
+        ``name_driver(shape, joints, joint)`` returns the signals that the effect depends on, where its shape
+        parameters select them.
     limit_temperature : callable or None
-        ``limit_temperature(values)``: lowest and highest temperature [deg C], exclusive, at which it holds
-        with given values of all parameters; at every one where None.
+        ``limit_temperature(values)`` returns the lowest and highest temperature [deg C], exclusive, at which
+        the effect is valid with given values of all parameters; None for every temperature.
     changes : int or None
-        Place in the order of changes that the comparison of sessions tries at every joint, the most
-        believable first; None where only a joint that has the effect is tested for it.
+        Position in the list of changes that the comparison of sessions tries at every joint, the most
+        believable first. None where it tries the effect only at joints that have it.
     change_shape : callable or None
-        ``change_shape(top_speed)``: its shape parameters (k,) as such a change; the defaults where None.
+        ``change_shape(top_speed)`` returns the shape parameters (k,) for such a change; None for the
+        defaults.
     mounted : bool
-        Whether it is a part that somebody mounts on the joint, and nobody unknowingly.
+        Whether the effect is a part that somebody mounts on the joint knowingly, such as a spring.
     thermal : bool
-        Whether it is how a joint's friction depends on a temperature that is recorded.
+        Whether the effect is the dependence of a joint's friction on a recorded temperature.
     passive : callable or None
-        ``passive(values, temperature)``: what formats with passive joints hold of it, of `friction`,
-        `damping`, `quadratic` (factor of v abs(v)), `stiffness`, `preload`, and tuples of `falling` (level,
-        speed, exponent), `presliding` (level, displacement) and `wave` (cosine, sine, wavenumber); nothing
-        where None.
+        ``passive(values, temperature)`` returns what formats with passive joints (URDF, MJCF) can hold of the
+        effect: `friction`, `damping`, `quadratic` (factor of v abs(v)), `stiffness`, `preload`, and the
+        tuples `falling` (level, speed, exponent), `presliding` (level, displacement) and `wave` (cosine,
+        sine, wavenumber). None where they hold nothing.
     passive_lacks : str
-        What they do not hold of it, with ``{temperature}`` [deg C]; empty where that is nothing.
+        What these formats cannot hold of the effect, with ``{temperature}`` [deg C]; empty where they hold
+        all.
     reference : str
-        Path of the file that it was loaded from; empty in the vocabulary.
+        Path of the file that the effect was loaded from; empty for the platform's effects.
     """
 
     name: str
@@ -190,28 +197,28 @@ class Effect:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All parameters: coefficients, then shape."""
+        """All parameters: the coefficients, then the shape parameters."""
         return self.coefficients + self.shape
 
     @property
     def label(self) -> str:
-        """What a model file calls the effect: its path, or its name in the vocabulary."""
+        """Name of the effect in a model file: the path of its file, or its name in the vocabulary."""
         return self.reference or self.name
 
     @property
     def is_friction(self) -> bool:
-        """Whether its torque depends on the joint's own speed or its sign, and is felt there alone."""
+        """Whether its torque depends on the joint's own speed or its sign, and acts at that joint alone."""
         return bool({"qd_{joint}", "sign_qd_{joint}"} & set(self.depends_on)) and not self.spread
 
     @property
     def follows_direction(self) -> bool:
-        """Whether its columns may change with how the direction of motion reverses; an own effect's may."""
+        """Whether its columns may depend on the direction of motion; a user's own effect always counts."""
         own = self.empirical or bool(self.reference)
         return own or any(name.startswith("sign_qd") for name in self.depends_on)
 
     @property
     def is_plain_friction(self) -> bool:
-        """Whether it is friction of a plain joint, which can hide or resemble an effect still missing."""
+        """Whether it is friction that a usual joint has; such friction can hide or mimic a missing effect."""
         return self.standard and self.is_friction
 
     @property
@@ -226,7 +233,7 @@ class Effect:
 
     @property
     def is_offset(self) -> bool:
-        """Whether its torque never changes."""
+        """Whether its torque is constant."""
         return set(self.depends_on) == {"constant"}
 
     @property
@@ -235,15 +242,16 @@ class Effect:
         return "wear_{joint}" in self.depends_on
 
     def for_robot(self, n: int) -> "Effect":
-        """The effect on a robot of `n` joints; another object only where its coefficients depend on `n`."""
+        """Return the effect for `n` joints; another object only where its coefficients depend on `n`."""
         return self
 
     def check_values(self, values: Mapping[str, float], where: str) -> None:
-        """Refuse unknown parameter names, values outside their bounds, and missing values without a default.
+        """Refuse unknown parameters, values outside their bounds, and missing values without a default.
 
         Raises
         ------
         InputError
+            Names the effect and the parameter; `where` begins the sentence.
         """
         known = {p.name: p for p in self.parameters}
         for name, value in values.items():
@@ -262,89 +270,89 @@ class Effect:
                 raise InputError(f"{where}: effect '{self.name}' has no value for '{p.name}'; add it.")
 
     def pack(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficient and shape vectors of named values, defaults filled in."""
+        """Return the coefficients (p,) and shape parameters (k,) of named values, with defaults filled in."""
         filled, count = np.array(list(self.fill(values).values())), len(self.coefficients)
         return filled[:count], filled[count:]
 
     def fill(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of all parameters by name, defaults filled in."""
+        """Return the values of all parameters by name, with defaults filled in."""
         return {p.name: float(values.get(p.name, p.default)) for p in self.parameters}
 
     def shapes(self, signals: Signals, joint: int) -> np.ndarray:
-        """Shape vectors worth trying for given signals, (S, k)."""
+        """Return the values of the shape parameters to try for given signals, (S, k)."""
         if self.search is None:
             return self.pack({})[1][None, :]
         return np.atleast_2d(self.search(signals, joint))
 
     def estimated_shapes(self) -> list[int]:
-        """Indices of the shape parameters that data estimate."""
+        """Return the indices of the shape parameters that are estimated from data."""
         return [k for k, p in enumerate(self.shape) if p.estimated]
 
     def width(self, signals: Signals, joint: int, shape: Sequence[float]) -> float:
-        """Half width of the search for the best value of the first estimated shape parameter [-].
+        """Return the half width of the search for the first estimated shape parameter, in its logarithm [-].
 
-        In its logarithm, about a shape vector (k,) that the search gave.
+        The search is about a value (k,) that `shapes` returned.
         """
         if self.search_width is None:
             return SEARCH_WIDTH
         return self.search_width(signals, joint, np.asarray(shape, dtype=float))
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """Number of values that a fit chooses: the coefficients of a subset and the shapes searched."""
+        """Return the number of fitted values: the coefficients of a subset, and the searched shapes."""
         fitted = 0
         if self.search is not None:
             fitted = len(self.estimated_shapes()) if self.searched is None else self.searched
         return len(list(subset)) + fitted
 
     def subsets(self) -> list[np.ndarray]:
-        """Indices of the coefficients of each variant."""
+        """Return the indices of the coefficients of each variant."""
         names = [p.name for p in self.coefficients]
         variants = self.variants or (tuple(names),)
         return [np.array([names.index(name) for name in variant], dtype=int) for variant in variants]
 
     def plain_subsets(self) -> list[np.ndarray]:
-        """The subsets that contain no other subset."""
+        """Return the variants that contain no other variant, as indices of coefficients."""
         sets = [{int(i) for i in subset} for subset in self.subsets()]
         return [np.array(sorted(a)) for a in sets if not any(b < a for b in sets)]
 
     def has_parent(self, present: Iterable["Effect"]) -> bool:
-        """Whether the model of a joint has what this effect refines.
+        """Return whether a joint's model has one of the parents of this effect.
 
         Parameters
         ----------
         present : iterable of Effect
-            Effects in the joint's model; one that `contains` a parent counts as it.
+            Effects in the joint's model; an effect that `contains` a parent counts as the parent.
         """
         if not self.parents:
             return True
         return any(not {e.name, *e.contains}.isdisjoint(self.parents) for e in present)
 
     def is_usable(self, signals: Signals, joint: int) -> bool:
-        """Whether the signals hold what the effect needs at a joint."""
+        """Return whether the signals hold what the effect needs at a joint."""
         return self.applies is None or bool(self.applies(signals, joint))
 
     def least_size(self, signals: Signals) -> float:
-        """Smallest believable size of the first coefficient, in its unit."""
+        """Return the smallest believable magnitude of the first coefficient, in its unit."""
         return 0.0 if self.least is None else float(self.least(signals))
 
     def motion_for(self, n: int) -> str:
-        """Motion that shows the effect on a robot of `n` joints."""
+        """Return the advice on the motion that shows the effect on a robot of `n` joints."""
         return self.excitation_alone if n == 1 and self.excitation_alone else self.excitation
 
     def temperatures(self, values: Mapping[str, float]) -> tuple[float, float]:
-        """Lowest and highest temperature [deg C], exclusive, at which the effect holds with given values."""
+        """Return the lowest and highest temperature [deg C], exclusive, at which the effect is valid."""
         if self.limit_temperature is None:
             return -np.inf, np.inf
         return self.limit_temperature(self.fill(values))
 
     def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
-        """Signals that the effect with given shape parameters (k,) at a joint depends on."""
+        """Return the signals that the effect at a joint depends on, with given shape parameters (k,)."""
         if self.name_driver is not None:
             return self.name_driver(shape, joints, joint)
         return [name.format(joint=joints[joint]) for name in self.depends_on]
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors along signals.
+        """Return the regressors along signals.
 
         Parameters
         ----------
@@ -360,7 +368,7 @@ class Effect:
         return self.stack(signals, joint, shape[None, :])
 
     def stack(self, signals: Signals, joint: int, shapes: np.ndarray) -> np.ndarray:
-        """Regressors of several shapes (S, k) side by side: (N, S*p), or (N, n, S*p) where `spread`."""
+        """Return the regressors for several shapes (S, k): (N, S*p), or (N, n, S*p) where `spread`."""
         if self.regressors is not None and (signals.channels or self.row is None):
             parts = [self._evaluate_regressors(signals, joint, shape) for shape in shapes]
             return np.concatenate(parts, axis=-1)
@@ -374,6 +382,7 @@ class Effect:
         )  # fmt: skip
 
     def _evaluate_regressors(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
+        """Call `regressors` and check the shape of what it returns."""
         assert self.regressors is not None
         try:
             x = np.asarray(self.regressors(signals, joint, shape), dtype=float)
@@ -392,12 +401,12 @@ class Effect:
         return x
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
-        """Torque along signals for given parameter values: (N,), or (N, n) where `spread`."""
+        """Return the torque along signals for given parameter values: (N,), or (N, n) where `spread`."""
         coefficients, shape = self.pack(values)
         return self.columns(signals, joint, shape) @ coefficients
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Put the effect with the given parameter values at a joint of a simulated plant.
+        """Add the effect with the given parameter values to a joint of a simulated plant.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What temperature changes in friction: the temperature terms of the paper's eq. (17)."""
+"""Change of friction with temperature: the temperature terms of the paper's eq. (17)."""
 
 import numpy as np
 

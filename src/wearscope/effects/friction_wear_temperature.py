@@ -1,4 +1,4 @@
-"""Static friction with temperature and wear, the paper's eq. (17), odd in the speed."""
+"""Friction over speed, temperature and wear: the paper's eq. (17), odd in the speed."""
 
 from collections.abc import Mapping
 
@@ -28,7 +28,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 
 
 def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
-    """Temperatures at which the Stribeck speed eta3 + eta4 T is positive."""
+    """Return the range of temperatures in which the Stribeck speed eta3 + eta4 T is positive."""
     start, slope = values["eta3"], values["eta4"]
     if slope == 0.0:
         return (-np.inf, np.inf) if start > 0.0 else (np.inf, -np.inf)
@@ -36,7 +36,7 @@ def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
 
 
 def _hold(values: Mapping[str, float], temperature: float) -> dict[str, float | tuple[float, ...]]:
-    """Friction that a passive joint holds at a temperature, without wear; without a bump that is negative."""
+    """Return the friction of a passive joint at a temperature, without wear and negative Stribeck terms."""
     held: dict[str, float | tuple[float, ...]] = {
         "friction": values["eta0"],
         "damping": values["eta5"] + values["eta6"] * temperature,

@@ -1,4 +1,4 @@
-"""Spring or hydraulic balancer: a smooth function of the joint position alone."""
+"""Spring or hydraulic balancer, whose torque is a smooth function of the joint position alone."""
 
 import numpy as np
 

@@ -1,8 +1,8 @@
 """Error of the links' masses, first moments and inertias in the URDF.
 
-The last link has the same columns as a payload: only a payload that changes between runs tells the two apart.
-A motion does not tell all coefficients apart, and some no motion does (Gautier and Khalil 1990: base
-parameters).
+The last link has the same regressors as a payload: only a payload that changes between runs tells the two
+apart. One motion does not identify all coefficients, and some coefficients no motion identifies (Gautier and
+Khalil 1990: base parameters).
 """
 
 from wearscope.effects.base import PAYLOAD, QUICK, InertialEffect

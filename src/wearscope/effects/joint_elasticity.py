@@ -1,8 +1,9 @@
 """Compliance of the gear between motor and link.
 
-The smallest strain wave gears have some 200 N m/rad, a slide's toothed belt as thin as they come 1e4 N/m
-(5e4 N per unit of strain, 5 m long); every other drive is stiffer. A joint of smaller loads than those gears
-are made for has a softer one, that yields to them as far as a gear may be slack (`backlash.py`).
+The smallest strain wave gears have a stiffness of about 200 N m/rad. The thinnest toothed belt of a slide has
+1e4 N/m (5e4 N per unit of strain, 5 m long). Every other drive is stiffer, and this sets the believable
+range. A joint with smaller loads may have a softer gear. Its compliance is believed as long as the deflection
+under the joint's load stays within the largest believable lost motion (`backlash.py`).
 """
 
 from wearscope.effects.base import QUICK, Parameter, TransmissionEffect

@@ -1,4 +1,4 @@
-"""Spring about the joint: cable or hose package."""
+"""Spring at the joint, such as a cable or hose package."""
 
 from wearscope.effects.base import RANGE, Effect, Parameter, compile_row
 

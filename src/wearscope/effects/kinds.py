@@ -1,4 +1,4 @@
-"""Effects that are more than a torque of the joint's own motion."""
+"""Classes of effects that are not a torque of the joint's own motion: bodies, gears, measurement errors."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,20 +12,20 @@ from wearscope.effects.parameter import Parameter
 from wearscope.effects.rows import Plant
 from wearscope.effects.signals import Signals, differentiate
 
-#: Values that describe a body for gravity: its mass and first moments.
+#: Number of values that describe a body's weight: its mass and three first moments.
 _BODY = 4
 
 
 @dataclass(frozen=True)
 class RigidBodyEffect(Effect):
-    """The multibody dynamics themselves; the plant always has them."""
+    """The rigid-body dynamics themselves, which every simulated plant has."""
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors of the inertial parameters at a joint, (N, 10 n)."""
+        """Return the regressors (N, 10 n) of the inertial parameters at a joint."""
         return signals.rigid_body.inertial_regressor(signals.q, signals.v, signals.a)[:, joint, :]
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Nothing to add."""
+        """Do nothing, as the plant has rigid-body dynamics anyway."""
 
 
 @dataclass(frozen=True)
@@ -33,36 +33,36 @@ class ArmatureEffect(Effect):
     """Inertia on the motor side."""
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Add to the armature."""
+        """Add the inertia to the plant's motor side."""
         plant.armature[joint] += self.pack(values)[0][0]
 
 
 @dataclass(frozen=True)
 class PayloadEffect(Effect):
-    """Mass at the last link beyond the declared payload; regressors are those of the rigid body."""
+    """Inertial parameters at the last link in addition to the declared payload."""
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors of the inertial parameters at every joint, (N, n, 10); zero without a payload."""
+        """Return the regressors (N, n, 10) of the parameters at every joint; zero without a payload."""
         if not signals.carries:
             return np.zeros((*signals.q.shape, len(self.coefficients)))
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """One body, however many of its parameters a prior lets a fit choose: a mass and three moments."""
+        """Return 4, for a mass and three first moments: a prior holds the others, so they do not count."""
         return _BODY
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Add to the last link."""
+        """Add the parameters to the plant's last link."""
         plant.inertials[-1] += self.pack(values)[0]
 
 
 @dataclass(frozen=True)
 class InertialEffect(Effect):
-    """Inertial parameters of every link beyond those of the URDF; its coefficients depend on the robot.
+    """Inertial parameters of the links in addition to those of the URDF; their number depends on the robot.
 
-    Those of link k, which the k-th joint moves, end in ``_k``, counted from 1. On a robot of `n` joints
-    (`for_robot`) the links' masses and first moments are a variant each; with inertias, and for all links at
-    once, they are extensions.
+    The names of the parameters of link k, which the k-th joint moves, end in ``_k``, counted from 1. On a
+    robot of `n` joints (see `for_robot`) mass and first moments of each link are a variant. All ten
+    parameters of a link, and the parameters of all links together, are extensions.
 
     Attributes
     ----------
@@ -77,10 +77,11 @@ class InertialEffect(Effect):
 
     @cached_property
     def _sized(self) -> dict[int, Effect]:
+        """Effects that `for_robot` has made, by number of joints."""
         return {}
 
     def for_robot(self, n: int) -> Effect:
-        """The effect with the coefficients of `n` links, (10 n,)."""
+        """Return the effect with the coefficients (10 n,) of `n` links."""
         if n == self.n:
             return self
         if n not in self._sized:
@@ -97,31 +98,31 @@ class InertialEffect(Effect):
         return self._sized[n]
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressors of the links' inertial parameters at every joint, (N, n, 10 n)."""
+        """Return the regressors (N, n, 10 n) of the links' inertial parameters at every joint."""
         return signals.rigid_body.inertial_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """One body for each link concerned, and which of them it is."""
+        """Return 4 for each link in the subset, and 1 for the choice of the links."""
         return _BODY * len({k // len(self.link) for k in subset}) + 1
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
-        """Torque (N, n) along signals for given parameter values."""
+        """Return the torque (N, n) along signals for given parameter values."""
         coefficients = self.for_robot(signals.q.shape[1]).pack(values)[0]
         return self.columns(signals, joint, np.zeros(0)) @ coefficients
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Add to the links."""
+        """Add the parameters to the plant's links."""
         plant.inertials += self.for_robot(plant.n).pack(values)[0].reshape(plant.n, len(self.link))
 
 
 @dataclass(frozen=True)
 class TransmissionEffect(Effect):
-    """Deflection of the gear between motor (measured) and link, delta(tau) = coefficient * `bend`(tau).
+    """Deflection of the gear between the measured motor and the link, delta(tau) = coefficient * `bend`(tau).
 
-    The link lags the motor by delta; its torque is that of the rigid body along the link's motion, so that
-    the regressor is the derivative of inverse dynamics along the deflection, at every joint. tau is the
-    torque through the gear where it is known, else that of the rigid body along the motor's motion. The
-    deflection of an `abrupt` one jumps.
+    The link is behind the motor by delta, and the rigid-body torque is that along the link's motion. So the
+    regressor, at every joint, is minus the derivative of inverse dynamics in the direction of `bend`(tau).
+    tau is the torque through the gear where it is known, else the rigid-body torque along the motor's motion.
+    The deflection of an `abrupt` effect jumps.
     """
 
     bend: Callable = field(default=lambda torque, shape: torque)
@@ -129,7 +130,7 @@ class TransmissionEffect(Effect):
     installs: tuple[str, ...] = ()
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressor at every joint, (N, n, 1)."""
+        """Return the regressor (N, n, 1) at every joint."""
         torque = signals.load if signals.transmitted is None else signals.transmitted
         delta = self.bend(torque[:, joint], shape)
         speed = differentiate(delta, 1.0 / signals.dt)
@@ -141,7 +142,7 @@ class TransmissionEffect(Effect):
         return -lag[:, :, None]
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Set the transmission's deflection law."""
+        """Set the plant's deflection law of the gear."""
         coefficients, shape = self.pack(values)
         for name, value in zip(self.installs, [*coefficients, *shape], strict=True):
             getattr(plant, name)[joint] = value
@@ -149,12 +150,12 @@ class TransmissionEffect(Effect):
 
 @dataclass(frozen=True)
 class MeasurementEffect(Effect):
-    """An error of the recorded torque; regressors are made from the predicted torque."""
+    """An error of the recorded torque, with regressors computed from the predicted torque."""
 
     kind: Literal["gain", "lag"] = "gain"
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
-        """Regressor, (N, 1): the predicted torque, or its change by a delay, per delay."""
+        """Return the regressor (N, 1): the predicted torque; or its change by a delay, over the delay [s]."""
         assert signals.torque is not None
         torque = signals.torque[:, joint]
         if self.kind == "gain":
@@ -165,14 +166,14 @@ class MeasurementEffect(Effect):
         return (self._delay(signals, joint, lag) / lag)[:, None]
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
-        """Change (N,) of the recorded torque for given parameter values: that by a delay is a shift."""
+        """Return the change (N,) of the recorded torque; that by a delay is computed as a shift in time."""
         if self.kind == "gain":
             return super().torque(signals, joint, values)
         return self._delay(signals, joint, float(self.pack(values)[0][0]))
 
     def _delay(self, signals: Signals, joint: int, lag: float) -> np.ndarray:
-        """What a delay changes in the torque of a joint (N,)."""
-        # Imported here: every simulation job loads the effects, and none needs it.
+        """Return the change (N,) of a joint's torque by a delay [s]."""
+        # Imported here: every simulation job loads the effects, and none of them needs this import.
         from scipy.interpolate import CubicSpline
 
         assert signals.torque is not None
@@ -180,6 +181,6 @@ class MeasurementEffect(Effect):
         return np.asarray(CubicSpline(t, torque)(np.clip(t - lag, t[0], t[-1])) - torque)
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
-        """Set the recording's gain error or lag."""
+        """Add the gain error or the delay to the plant's recorded torque."""
         target = plant.torque_gain if self.kind == "gain" else plant.torque_delay
         target[joint] += self.pack(values)[0][0]

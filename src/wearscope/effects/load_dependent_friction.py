@@ -1,7 +1,8 @@
 """Friction that grows with the transmitted load.
 
-Its coefficient is friction over load. A gear of efficiency e that drives its load has 1/e - 1: 0.1 to 0.4 for
-strain wave and cycloidal gears, some 0.6 for a small servo's spur gears. At 1 a gear does not drive back.
+The coefficient is friction over load. A gear of efficiency e that drives its load has 1/e - 1: 0.1 to 0.4 for
+strain wave and cycloidal gears, about 0.6 for the spur gears of a small servo. At 1 a gear cannot be driven
+back by its load.
 """
 
 import numpy as np

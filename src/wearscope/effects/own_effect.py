@@ -1,4 +1,4 @@
-"""A user's own effect: one ``.py`` file that defines ``EFFECT``, checked when it is loaded."""
+"""Loads and checks a user's own effect: a ``.py`` file or installed package that defines ``EFFECT``."""
 
 import importlib.util
 from dataclasses import replace
@@ -14,12 +14,13 @@ from wearscope.effects.parameter import Parameter
 from wearscope.effects.rows import ROW
 from wearscope.errors import InputError
 
-#: Value that marks places where a tried row wrote nothing; number of guard places beyond the row's own.
+#: Value that marks array elements to which a tried row wrote nothing; number of guard elements behind those
+#: that the row may write.
 _UNWRITTEN, _GUARD = -7.345e302, 16
 
 
 def load_own_effect(path: Path) -> Effect:
-    """Effect that a file defines; the same object for the same file.
+    """Load the effect that a file defines; the same file gives the same object.
 
     Raises
     ------
@@ -40,12 +41,12 @@ def load_own_effect(path: Path) -> Effect:
 
 @cache
 def load_installed_effect(name: str) -> Effect:
-    """Effect of an installed package, by the name of its entry point.
+    """Load the effect of an installed package by the name of its entry point.
 
     Raises
     ------
     InputError
-        Where there is none, it cannot be imported, goes by another name, or breaks a rule.
+        Where there is no such package, it cannot be imported, its effect has another name, or breaks a rule.
     """
     effect = plugins.load(name, "effects", "EFFECT")
     check_own_effect(effect, f"effect '{name}'")
@@ -57,19 +58,19 @@ def load_installed_effect(name: str) -> Effect:
 
 
 def check_own_effect(effect: Any, where: str) -> None:
-    """Refuse an effect that identification or the simulator would trip over.
+    """Refuse an effect that identification or the simulator could not use.
 
     Parameters
     ----------
     effect : object
-        What a file calls ``EFFECT``.
+        Value of ``EFFECT`` in a file.
     where : str
         Path of the file, for messages.
 
     Raises
     ------
     InputError
-        One sentence for the first breach found.
+        Where the effect breaks a rule; the sentence tells the first one.
     """
     if not isinstance(effect, Effect):
         raise InputError(
@@ -87,6 +88,7 @@ def check_own_effect(effect: Any, where: str) -> None:
 
 
 def _check_parameters(effect: Effect, where: str) -> None:
+    """Refuse parameters with wrong types, names, units, bounds or defaults."""
     for field in ("coefficients", "shape"):
         values = getattr(effect, field)
         if not isinstance(values, tuple) or not all(isinstance(p, Parameter) for p in values):
@@ -125,6 +127,7 @@ def _check_parameters(effect: Effect, where: str) -> None:
 
 
 def _check_names(effect: Effect, where: str) -> None:
+    """Refuse variants, extensions and signals that name what does not exist."""
     coefficients = {p.name for p in effect.coefficients}
     for field in ("variants", "extensions"):
         for subset in getattr(effect, field):
@@ -153,6 +156,7 @@ def _check_names(effect: Effect, where: str) -> None:
 
 
 def _check_row(effect: Effect, where: str) -> None:
+    """Refuse an effect without regressors, and a row that is not compiled or writes out of range."""
     own_columns = type(effect).columns is not Effect.columns or type(effect).stack is not Effect.stack
     if effect.row is None:
         if effect.regressors is None and not own_columns:
@@ -168,7 +172,7 @@ def _check_row(effect: Effect, where: str) -> None:
 
 
 def _try_row(effect: Effect, where: str) -> None:
-    """Evaluate a row once, with room behind what it may write."""
+    """Evaluate a row once, and refuse one that leaves values unwritten or writes beyond its arrays."""
     assert effect.row is not None
     count, memory = len(effect.coefficients), effect.n_states
     out, after = (np.full(size + _GUARD, _UNWRITTEN) for size in (count, memory))
@@ -176,7 +180,7 @@ def _try_row(effect: Effect, where: str) -> None:
     q, a, load = np.array([0.2, 0.5]), np.array([1.0, 2.0]), np.array([5.0, -6.0])
     still = np.full(2, 30.0), np.zeros(2)
     shape, state = effect.pack({})[1], np.zeros(max(memory, 1))
-    # Slices keep a row that assigns to a whole array within its own places.
+    # The row gets slices, so that an assignment to a whole array does not reach the guard elements.
     effect.row(0, 0.5, 1e-3, sign, q, v, a, load, *still, shape, state, after[:memory], out[:count])
     if np.any(out[:count] == _UNWRITTEN) or np.any(after[:memory] == _UNWRITTEN):
         raise InputError(

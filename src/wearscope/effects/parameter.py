@@ -1,4 +1,4 @@
-"""A parameter of an effect: its unit, its bounds and its default."""
+"""The class `Parameter`: a parameter of an effect with its unit, bounds and default."""
 
 from dataclasses import dataclass
 
@@ -13,22 +13,22 @@ class Parameter:
     ----------
     name : str
     unit : str
-        With ``{torque}`` and ``{position}`` as the joint's units (N m and rad, or N and m).
+        Unit, with ``{torque}`` and ``{position}`` for the joint's units (N m and rad, or N and m).
     lower, upper : float
-        Bounds that physics sets: a model with a value outside of them is refused.
+        Physical bounds: a model with a value outside is refused.
     default : float
-        Value where a model leaves the parameter out; NaN where it must not.
+        Value where a model leaves the parameter out; NaN where a model must state it.
     estimated : bool
-        Whether data estimate it. False for a shape parameter that says which signal is meant, or that an
-        estimate is conditioned on.
+        Whether it is estimated from data. False for a shape parameter that selects a signal, or that stays
+        fixed while the others are estimated.
     believable : tuple of (float, float) or None
-        Narrower bounds of the machines that are built, within which data may place it; `lower` and `upper`
-        where None. The source stands in the effect's file.
+        Narrower bounds for estimates, from machines that are built; None for `lower` and `upper`. The
+        effect's file states the source.
     believable_prismatic : tuple of (float, float) or None
-        The same for a joint whose position is in m; `believable` where None.
+        The same for a prismatic joint; None for `believable`.
     travel, travel_prismatic : float
-        Largest believable product with the RMS of the joint's load [rad or m]: at a joint of small loads a
-        value above `believable` is believed up to there.
+        Largest believable product of the value and the RMS of the joint's load [rad or m]. At a joint with
+        small loads it allows values above `believable`.
     """
 
     name: str
@@ -43,18 +43,18 @@ class Parameter:
     travel_prismatic: float = 0.0
 
     def unit_at(self, position: str, torque: str) -> str:
-        """Unit for a joint whose position and torque have the given units."""
+        """Return the unit for a joint whose position and torque have the given units."""
         return self.unit.format(position=position, torque=torque)
 
     def bounds(self, position_unit: str, load: float = np.inf) -> tuple[float, float]:
-        """Bounds within which a fit may place the parameter.
+        """Return the bounds within which a fit may place the parameter.
 
         Parameters
         ----------
         position_unit : str
-            ``rad`` or ``m``: that of the joint.
+            Unit of the joint's position, ``rad`` or ``m``.
         load : float
-            RMS of its load, where that is known [N m or N].
+            RMS of the joint's load, where it is known [N m or N].
 
         Returns
         -------

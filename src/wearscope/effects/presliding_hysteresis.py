@@ -1,4 +1,4 @@
-"""Presliding: friction as a function of displacement since the last reversal (Dahl)."""
+"""Presliding: friction that builds up over the displacement since the last reversal (Dahl's model)."""
 
 import numpy as np
 
@@ -28,7 +28,8 @@ EFFECT = Effect(
     ),
     row=_row,
     shape=(
-        # A gear's teeth and a bearing's balls yield by minutes of arc, a belt or a seal by a few degrees.
+        # Elastic displacement before sliding: arc minutes for gear teeth and bearings, degrees for belts,
+        # seals.
         Parameter(
             "displacement",
             "{position}",

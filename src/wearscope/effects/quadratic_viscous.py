@@ -1,4 +1,4 @@
-"""Viscous friction that grows with the square of the speed, as churned oil has it: it takes power."""
+"""Viscous friction that grows with the square of the speed, as from churned oil; it only dissipates power."""
 
 from wearscope.effects.base import SPEEDS, Effect, Parameter, compile_row
 

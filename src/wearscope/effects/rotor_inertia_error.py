@@ -1,4 +1,4 @@
-"""Inertia on the motor side beyond the declared rotor inertia."""
+"""Error of the declared rotor inertia: additional inertia on the motor side."""
 
 from wearscope.effects.base import PAYLOAD, POSTURES, ArmatureEffect, Parameter
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA

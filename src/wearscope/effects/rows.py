@@ -1,6 +1,6 @@
-"""An effect in identification and in the simulator.
+"""Compiled rows of effects: their signature, their stacking along signals, and the plant they change.
 
-Its compiled row has one signature; rows are stacked along signals, and change a simulated robot's plant.
+The row of an effect computes the regressors of one sample. Identification and the simulator use the same row.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from numba import njit, typed, types
 
 @dataclass
 class Term:
-    """A torque term installed in a plant: an effect's row at a joint with its numbers."""
+    """A torque term in a simulated plant: the row of an effect at a joint, with parameter values."""
 
     row: Callable
     joint: int
@@ -25,23 +25,23 @@ class Term:
 
 @dataclass
 class Plant:
-    """What effects change in a simulated robot of `n` joints.
+    """All that effects change in a simulated robot of `n` joints.
 
     Attributes
     ----------
     terms : list of Term
-        Joint torques, evaluated at the end-of-step speed.
+        Torques at the motors, which the simulated step balances with the others.
     armature : ndarray (n,)
-        Inertia on the motor side of the transmission, reflected to the joint.
+        Inertia on the motor side of the gear, reflected to the joint [kg m^2 or kg].
     inertials : ndarray (n, 10)
         Additional inertial parameters of each joint's link, in its frame: mass [kg], first moments [kg m],
         inertia about the frame's origin [kg m^2] (xx, xy, yy, xz, yz, zz).
     compliance : ndarray (n,)
-        Deflection of the transmission per torque; 0 is rigid.
+        Deflection of the gear for each unit of torque [rad/(N m) or m/N]; 0 is rigid.
     lost_motion : ndarray (n,)
-        Total lost motion of the transmission at torque reversal.
+        Total lost motion of the gear at torque reversal [rad or m].
     mesh_torque : ndarray (n,)
-        Torque at which the lost motion is taken up: the deflection is
+        Torque at which the lost motion is taken up [N m or N]: the deflection is
         ``lost_motion / 2 * tanh(torque / mesh_torque)``.
     torque_gain, torque_delay : ndarray (n,)
         Gain error [-] and lag [s] of the recorded torque.
@@ -64,9 +64,9 @@ _VECTOR = types.Array(types.float64, 1, "C")
 
 #: Signature of an effect's row, called for joint `j` of `n`:
 #: ``row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out)``.
-#: All vectors but the last four are (n,), in joint order; `sign` is the direction of motion, -1 to 1, given
-#: apart from `v` so that the simulator can ask for the torque on either side of rest; `load` is the torque of
-#: the rigid body; `next_state` and `out` are written.
+#: The vectors `sign` to `wear` are (n,), in joint order. `sign` is the direction of motion, -1 to 1. It is
+#: separate from `v`, so that the simulator can compute the torque on both sides of rest. `load` is the torque
+#: of the rigid body. The row writes `next_state` and `out`.
 ROW = types.void(
     types.int64,
     types.float64,
@@ -84,35 +84,37 @@ compile_row: Callable = njit(ROW, cache=True)
 
 @njit(types.float64(types.float64, types.float64), cache=True)
 def decay(ratio, power):
-    """``exp(-ratio^power)``, the share of the Stribeck curve that is left; most laws have a power of 1."""
+    """Return ``exp(-ratio^power)``, the decay of Stribeck friction; the usual power of 1 is faster."""
     return np.exp(-(ratio if power == 1.0 else ratio**power))
 
 
 _MATRIX = types.Array(types.float64, 2, "C")
 
 
-#: Type of a row as a first-class function. A function that takes one is compiled once for all effects and
-#: kept; with a dispatcher as argument it would be compiled anew in every process.
+#: Numba's type of a row as a first-class function. Code that takes rows of this type is compiled once for all
+#: effects and cached on disk; with dispatchers as arguments it would be compiled in every process.
 ROW_FUNCTION = types.FunctionType(ROW)
 ROWS = types.ListType(ROW_FUNCTION)
 
 
-# Compiled once and kept; the methods of a typed list would be compiled in every process.
+# These two functions are cached on disk; the methods of a typed list would be compiled in every process.
 @njit(ROWS(), cache=True)
 def _start_rows():
+    """Return an empty typed list of rows."""
     return typed.List.empty_list(ROW_FUNCTION)
 
 
 @njit(types.void(ROWS, ROW_FUNCTION), cache=True)
 def _add_row(rows, row):
+    """Append a row to a typed list."""
     rows.append(row)
 
 
 @lru_cache(maxsize=256)
 def hold_rows(rows: tuple[Callable, ...]) -> typed.List:
-    """Compiled rows as a list, which costs compiled code a third of what a row alone does at each call.
+    """Return compiled rows as a typed list; equal rows give the same list, which must only be read.
 
-    The same rows get the same list, which is only read.
+    A call of a row from the list takes compiled code a third of the time that a row as an argument takes.
     """
     held = _start_rows()
     for row in rows:
@@ -121,11 +123,11 @@ def hold_rows(rows: tuple[Callable, ...]) -> typed.List:
 
 
 def stack_rows(row: Callable, *arguments) -> np.ndarray:
-    """Regressors (N, S*p) of several shapes side by side; the arguments are those of `_stack`."""
+    """Return the regressors (N, S*p) for several shapes side by side; the arguments are those of `_stack`."""
     return _stack(hold_rows((row,)), *arguments)
 
 
-# All shapes in one pass. A view costs more than a copy of its few values.
+# All shapes are evaluated in one pass over the samples. Rows are copied, as views cost more for a few values.
 @njit(
     _MATRIX(
         ROWS, types.int64, _VECTOR, types.float64, *([_MATRIX] * 7), _MATRIX, types.int64, types.int64
@@ -134,7 +136,7 @@ def stack_rows(row: Callable, *arguments) -> np.ndarray:
     nogil=True,
 )  # fmt: skip
 def _stack(rows, j, t, dt, sign, q, v, a, load, temperature, wear, shapes, n_states, p):
-    """Regressors (N, S*p) of several shapes (S, k) side by side; the rest as `ROW` has it, by sample."""
+    """Compute the regressors (N, S*p) for shapes (S, k); the signals are those of `ROW`, with N rows."""
     row, n, size = rows[0], sign.shape[1], shapes.shape[1]
     out = np.empty((len(t), len(shapes) * p))
     states = np.zeros((len(shapes), max(n_states, 1)))

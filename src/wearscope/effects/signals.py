@@ -1,4 +1,4 @@
-"""The signals along which effects are evaluated."""
+"""The class `Signals`: motion, load and other signals along which effects are evaluated."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-#: Largest size of the slopes that are kept for one run [bytes].
+#: Largest memory for the derivatives of the rigid-body torque that are kept for one run [bytes].
 _KEPT = 2**22
 
 
@@ -25,30 +25,31 @@ class Signals:
     sign : ndarray (N, n)
         Direction of motion, -1 to 1; 0 at rest.
     load : ndarray (N, n)
-        Rigid-body torque, of corrected bodies where they are known.
+        Rigid-body torque [N m or N]; that of corrected bodies where these are known.
     temperature : ndarray (N, n)
         Joint temperature [deg C]; NaN where unknown.
     wear : ndarray (N, n)
         Wear level f of eq. (17) [-].
     rigid_body : wearscope.robots.dynamics.RigidBody or None
-        The dynamics of the stated bodies, for effects that perturb it.
+        Dynamics of the stated bodies, for effects that perturb them.
     torque : ndarray (N, n) or None
-        Torque predicted by the model without the effect, for errors of the measurement itself.
+        Torque predicted by the model without the effect, for effects that are errors of the torque's
+        measurement.
     bandwidth : float
-        Frequency [Hz] above which the signals are not used.
+        Frequency [Hz] above which the signals are filtered out.
     factor : int
-        How many of the recording's samples one of these represents.
+        Number of samples of the recording that one sample of these signals represents.
     transmitted : ndarray (N, n) or None
-        Torque through each gear, where more is known of it than `load`.
+        Torque through each gear, where it is known better than by `load`.
     lag : ndarray (n,) or None
-        Delay [s] of each torque channel about which one is sought; about none where None.
+        Delay [s] of each torque channel about which the search for a delay is linearised; None for 0.
     reversal : ndarray (N, n, 3) or None
-        What would change in `sign`: by the logarithm of the speed over which it changes, and with each of two
-        other forms of that change in full.
+        Derivative of `sign` with respect to the logarithm of the speed over which it changes at a reversal,
+        and its differences to two other forms of that change.
     carries : bool
         Whether the last link carries a payload whose declared mass may be wrong.
     channels : mapping of str to ndarray (N,)
-        Further measured channels by column name, in the unit that the data set gives them.
+        Further measured channels by column name, in the data set's units.
     """
 
     t: np.ndarray
@@ -81,7 +82,10 @@ class Signals:
         temperature: ArrayLike = 0.0,
         wear: ArrayLike = 0.0,
     ) -> Self:
-        """Signals of a motion whose speeds (N, n) have a sign; numbers, also one a joint, hold throughout."""
+        """Return the signals of a motion, with `sign` that of the speeds (N, n).
+
+        A signal may also be a number, or (n,), and is then constant in time.
+        """
 
         def fill(x: ArrayLike) -> np.ndarray:
             return np.asarray(x) if np.shape(x) == v.shape else np.full_like(v, x)
@@ -89,9 +93,9 @@ class Signals:
         return cls(t, fill(q), v, fill(a), np.sign(v), fill(load), fill(temperature), fill(wear))
 
     def load_slopes(self, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives (N, n) of the rigid-body torque by position, speed and acceleration of a joint.
+        """Return the derivatives (N, n) of rigid-body torque by position, speed, acceleration of a joint.
 
-        The slopes of the last joints are cached.
+        The derivatives for the last few joints are cached.
         """
         if joint not in self._slopes:
             most = max(1, _KEPT // max(3 * self.load.nbytes, 1))
@@ -118,10 +122,10 @@ _CENTRAL = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0]) / 60.0
 
 
 def differentiate(x: np.ndarray, rate: float) -> np.ndarray:
-    """Central difference of sixth order along the first axis, of second order at the ends.
+    """Differentiate along the first axis by central differences of sixth order, of second order at the ends.
 
-    The plain central difference loses (w h)^2/6 of a signal at w; after two of them the acceleration of a
-    stiff robot looks like that of one with elastic joints.
+    The central difference of second order reduces a signal of angular frequency w by the share (w h)^2/6. Two
+    of them would make the acceleration of a stiff robot look like that of one with elastic joints.
     """
     if len(x) < 3:
         return np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""Stribeck effect: friction that falls from break-away as lubrication sets in."""
+"""Stribeck effect: friction that falls with speed after break-away, as lubrication sets in."""
 
 import numpy as np
 

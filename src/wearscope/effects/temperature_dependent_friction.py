@@ -1,11 +1,11 @@
-"""Friction that changes with the measured temperature."""
+"""Friction that changes linearly with the recorded temperature."""
 
 import numpy as np
 
 from wearscope.effects.base import TEMPERATURE, Effect, Parameter, Signals, compile_row
 
-#: Span of temperature [K] that a sensor shows even at constant temperature: a smaller span cannot show a
-#: dependence.
+#: Least span of the recorded temperature [K] that can show a dependence; a sensor shows smaller spans even at
+#: constant temperature.
 LEAST_SPAN = 0.5
 
 

@@ -1,8 +1,8 @@
-"""Torque channel that lags the position channel."""
+"""Torque channel that is delayed against the position channel."""
 
 from wearscope.effects.base import QUICK, MeasurementEffect, Parameter
 
-#: Smallest believable delay, in samples of the recording: the clocks of two channels agree no better.
+#: Smallest believable delay, in samples of the recording; the clocks of two channels may differ by as much.
 _LEAST_SAMPLES = 0.1
 
 

@@ -1,7 +1,8 @@
 """Gain error of the measured torque.
 
-Drives' torque constants are stated to 10 %, and fall with the magnet's temperature by a few percent. Intake
-notes joints whose torques are of another size than the stated bodies need; larger errors are believed there.
+The torque constant of a drive is known within 10 %, and falls by a few per cent as the magnets warm up. This
+sets the believable range. A larger error is believed only at a joint for which the intake has noted that its
+torques have another magnitude than the stated bodies need.
 """
 
 from wearscope.effects.base import PAYLOAD, MeasurementEffect, Parameter

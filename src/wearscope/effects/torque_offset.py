@@ -1,4 +1,4 @@
-"""Constant bias of the torque sensor or the drive."""
+"""Constant offset of the torque sensor or the drive."""
 
 from wearscope.effects.base import REVERSALS, Effect, Parameter, compile_row
 

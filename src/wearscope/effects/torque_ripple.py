@@ -1,4 +1,4 @@
-"""Torque periodic in position: gear mesh, cogging, ball-screw pitch."""
+"""Torque that is periodic in position, from gear mesh, cogging or the pitch of a ball screw."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from wearscope.effects.base import SESSIONS, Effect, Parameter, Signals, compile_row
 
-#: Fewest periods over the visited range. With time spread evenly, a wave of this many periods has a
-#: correlation of 0.1 with the line of a spring; a wave of one period has 0.8.
+#: Fewest periods over the visited range. If the time is spread evenly over the range, a wave of this many
+#: periods has a correlation of 0.1 with the straight line of a spring; a wave of one period has 0.8.
 FEWEST_PERIODS = 1.5
-#: Periods over the visited range from which on a wave is told from other curves by its form.
+#: A wave with at least this many periods over the visited range has a form that no other effect can mimic.
 CLEAR_PERIODS = 3.0
-#: Fewest periods in a turn: the rigid body's torque is a polynomial of second degree in sines and cosines of
-#: each joint's angle, so that errors of its parameters look like waves of fewer periods.
+#: Fewest periods in a turn. The rigid-body torque is a polynomial of second degree in sine and cosine of each
+#: joint's angle, so that errors of its parameters look like waves with fewer periods.
 LOWEST_ORDER = 3.0
 
 
@@ -23,8 +23,8 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 
 def _search(signals: Signals, joint: int) -> np.ndarray:
-    # In steps that the range resolves, up to the order at which even slow motion turns the ripple into
-    # frequencies that are filtered out.
+    # The steps are those that the visited range resolves. The highest wavenumber is that at which even slow
+    # motion gives the ripple a frequency that is filtered out.
     reach = max(np.ptp(signals.q[:, joint]), 1e-12)
     speed = np.abs(signals.v[:, joint])
     slow = max(np.quantile(speed[speed > 0.01 * speed.max()], 0.2), 1e-12)
@@ -38,7 +38,7 @@ def _resembles_any(signals: Signals, joint: int, shape: Sequence[float]) -> bool
 
 
 def _search_width(signals: Signals, joint: int, shape: np.ndarray) -> float:
-    # Two waves differ where one gains half a period on the other over the visited range.
+    # Two waves can be told apart where they shift by half a period over the visited range.
     travel = max(float(np.ptp(signals.q[:, joint])), 1e-12)
     return min(0.3, np.pi / travel / float(shape[0]))
 

@@ -1,10 +1,10 @@
-"""Structure outside the vocabulary: an empirical torque on the signal that it depends on.
+"""Empirical torque for structure that no effect of the vocabulary explains, with the signal it depends on.
 
-A linear spline of hat functions of one signal between the least and the largest value seen, or the product
-of two such splines for two signals, times 1, the direction of motion or the speed. Outside of the values seen
-it falls to zero within `TAPER` knots, so that it says nothing of where nobody looked. The knots of each
-number in `LEVELS` are among those of the next one, so that the columns of a fine spline give those of the
-coarse ones.
+The torque is a linear spline (a sum of hat functions) of one signal, or a product of two such splines for two
+signals. It is multiplied by 1, the direction of motion or the speed. The knots span the range of values in
+the recording. Outside that range the spline falls to zero within `TAPER` knots, as the recording tells
+nothing there. The knots of each level in `LEVELS` are among those of the next level, so that the columns of a
+coarse spline are sums of those of a fine one.
 """
 
 from collections.abc import Sequence
@@ -14,33 +14,34 @@ from numba import njit
 
 from wearscope.effects.base import OTHERS, Effect, Parameter, Signals, compile_row
 
-#: Numbers of hat functions worth trying.
+#: Numbers of hat functions that are tried.
 LEVELS = (5, 9, 17, 33)
-#: Finest level tried for most signals; for the joint's own position and speed all levels are tried.
+#: Finest level for most signals; for the joint's own position and speed, and for time, all levels are tried.
 COARSE = 9
-#: Hat functions of each signal where there are two, and of their product.
+#: Number of hat functions of each signal where there are two, and number of their products.
 SIDE, PRODUCT = 5, 25
-#: Knots beyond the values seen within which the spline falls to zero.
+#: Distance outside the recorded range, in knots, over which the spline falls to zero.
 TAPER = 2.0
 #: Signals by code.
 SIGNALS = ("q", "qd", "qdd", "load", "temp", "t")
 #: Codes of temperature and time: any drift of a run looks like a dependence on them.
 SLOW = (SIGNALS.index("temp"), SIGNALS.index("t"))
-#: Pairs of signals, by code, of the joint itself; of the joint and another one.
+#: Pairs of signals, by code: both of the joint itself; one of the joint and one of another joint.
 _OWN_PAIRS = ((0, 1), (0, 3), (1, 3), (0, 4), (1, 4), (3, 4), (0, 5), (1, 5), (3, 5))
 _OTHER_PAIRS = ((0, 0), (1, 1), (1, 0), (3, 0))
-#: What the spline is multiplied with, by code: nothing, the direction of motion, the speed.
+#: Factor on the spline, by code: 1, the direction of motion, the speed.
 MODULATORS = ("", "sign_qd", "qd")
 
 
 @njit(cache=True)
 def _take(signal, source, t, q, v, a, load, temperature):
+    """Return the value of a signal, given by its code and its joint."""
     return t if signal == 5 else (q, v, a, load, temperature)[signal][source]
 
 
 @njit(cache=True)
 def _locate(x, low, high, knots):
-    """Knot below, share of the way to the next knot, factor of the spline (less than 1 beyond its ends)."""
+    """Return the knot below x, the fraction of the way to the next knot, and the taper outside the range."""
     place = (x - low) / (high - low) * (knots - 1)
     beyond = max(-place, place - (knots - 1.0), 0.0)
     place = min(max(place, 0.0), knots - 1.0)
@@ -99,24 +100,25 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 
 
 def _reach(x: np.ndarray) -> tuple[float, float]:
+    """Return the range of a signal (N,) without its outermost values."""
     low, high = np.quantile(x, [0.002, 0.998])
     return float(low), float(high)
 
 
 def coarsen(knots: int, fewer: int) -> np.ndarray:
-    """Hat functions of a coarser level as sums of those of a finer one, (knots, fewer)."""
+    """Return the matrix (knots, fewer) that expresses coarse hat functions by fine ones."""
     place = np.linspace(0.0, fewer - 1.0, knots)
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(fewer)))
 
 
 def list_signals(shape: Sequence[float]) -> list[tuple[int, int]]:
-    """Code and joint of the one or two signals that the spline depends on."""
+    """Return code and joint of the one or two signals that the spline depends on."""
     first, second = (int(shape[0]), int(shape[1])), (int(shape[5]), int(shape[6]))
     return [first] if second[0] < 0 else [first, second]
 
 
 def name_signals(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
-    """Signals that a term of the given shape at a joint depends on."""
+    """Return the names of the signals that a term of the given shape at a joint depends on."""
     modulator = MODULATORS[int(shape[2])]
     names = [
         "t" if SIGNALS[code] == "t" else f"{SIGNALS[code]}_{joints[source]}"

@@ -1,4 +1,4 @@
-"""Viscous slope that differs between the two directions."""
+"""Viscous friction that differs between the two directions of motion."""
 
 from wearscope.effects.base import SPEEDS, Effect, Parameter, compile_row
 

@@ -1,4 +1,4 @@
-"""The vocabulary as a whole: all effects, and those with a role, such as candidates for a model."""
+"""The vocabulary, which is all effects of the platform, and selections from it."""
 
 from collections.abc import Collection, Iterable, Sequence
 from functools import cache
@@ -10,51 +10,52 @@ from wearscope.errors import InputError
 
 @cache
 def _builtin() -> tuple[Effect, ...]:
+    """Load all effects of the platform once."""
     return tuple(plugins.load(name, "effects", "EFFECT") for name in plugins.list_names("effects", "EFFECT"))
 
 
 def list_effects() -> list[Effect]:
-    """Effects of the vocabulary, by name."""
+    """Return all effects of the platform, sorted by name."""
     return list(_builtin())
 
 
 def plain_friction() -> list[Effect]:
-    """Friction of a plain joint."""
+    """Return the friction effects that a usual joint has."""
     return [effect for effect in _builtin() if effect.is_plain_friction]
 
 
 def session_effects() -> list[Effect]:
-    """Effects that the comparison of sessions tries at every joint, the most believable first."""
+    """Return the effects that the comparison of sessions tries at every joint, the most believable first."""
     asked = {effect.changes: effect for effect in _builtin() if effect.changes is not None}
     return [asked[place] for place in sorted(asked)]
 
 
 def worn_effect() -> Effect:
-    """What wear adds to a joint's friction, as a change between sessions."""
+    """Return the effect that is the change of a joint's friction by wear."""
     (effect,) = (effect for effect in session_effects() if effect.needs_wear)
     return effect
 
 
 def thermal_friction() -> Effect:
-    """How friction depends on a temperature that is recorded."""
+    """Return the effect that is the dependence of friction on a recorded temperature."""
     (effect,) = (effect for effect in _builtin() if effect.thermal)
     return effect
 
 
 def empirical_effect() -> Effect:
-    """The generic term for structure outside the vocabulary."""
+    """Return the generic effect for structure that no other effect explains."""
     (effect,) = (effect for effect in _builtin() if effect.empirical)
     return effect
 
 
 def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
-    """Declared effects whose value a field of the data set gives, so that nothing is fitted.
+    """Return the declared effects whose value a field of the data set gives, so that it is not fitted.
 
     Parameters
     ----------
     declared : iterable of Effect
     stated : collection of str
-        Fields that are filled in, e.g. of a data set's `robot`.
+        Names of the fields that have a value, e.g. of a data set's `robot`.
     """
     return [effect for effect in declared if effect.given_by and effect.given_by in stated]
 
@@ -62,26 +63,26 @@ def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[E
 def candidate_effects(
     declared: Sequence[Effect], extra: Sequence[Effect], given: Collection[str], n: int
 ) -> list[Effect]:
-    """Effects that a model may lack.
+    """Return the effects that a model may lack.
 
     Parameters
     ----------
     declared : sequence of Effect
-        What the model has.
+        Effects that the model has.
     extra : sequence of Effect
-        A user's own effects.
+        The user's own effects.
     given : collection of str
         Names of effects whose value is given instead of fitted, so that it can be wrong: those of
-        `given_effects`, and the rigid body (which every model has, declared or not) where its inertials are
-        trusted.
+        `given_effects`, and the rigid body where its inertial parameters are trusted. Every model has a rigid
+        body, declared or not.
     n : int
         Number of joints.
 
     Returns
     -------
     list of Effect
-        Of the vocabulary, then of `extra`, sized for the robot; none that is declared or that a declared one
-        contains, and no error of a value that is fitted.
+        Effects of the vocabulary, then of `extra`, for a robot of `n` joints. Declared effects, effects that
+        these contain, and errors of values that are fitted are left out.
 
     Raises
     ------

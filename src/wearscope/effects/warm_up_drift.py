@@ -1,4 +1,4 @@
-"""Friction that changes with time since start while the temperature is not measured."""
+"""Friction that changes with the time since start, as a joint warms up whose temperature is not recorded."""
 
 import numpy as np
 

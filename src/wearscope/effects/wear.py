@@ -1,10 +1,11 @@
-"""What wear adds to friction: the wear terms of the paper's eq. (17), which vanish where there is none."""
+"""Friction that wear adds: the wear terms of the paper's eq. (17), which are 0 without wear."""
 
 import numpy as np
 
 from wearscope.effects.base import WEAR, Effect, Parameter, compile_row, decay
 
-#: Share of a joint's top speed over which the bump of worn friction dies away, until data show it.
+#: Speed over which the added friction at low speed decays, as a share of the joint's top speed; it is used as
+#: long as data do not show the value.
 BUMP = 0.05
 
 

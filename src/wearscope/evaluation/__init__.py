@@ -1,1 +1,1 @@
-"""Questions asked of the surrogates: relevant factors, SNR, effective scope, audit."""
+"""Evaluation of detectors by surrogates: relevant factors, SNR, scope, and audit by direct simulation."""

@@ -1,6 +1,6 @@
-"""Surrogate against direct simulation: the points to compare, the comparison, and whether it contradicts.
+"""Audit of surrogates by direct simulation: choice of points, comparison, and withholding of answers.
 
-Audit, scope and SNR are weighed together.
+A detector's answer is withheld where audit, scope and SNR together contradict its surrogate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,17 +27,20 @@ from wearscope.evaluation.scope import choose_method
 from wearscope.surrogates.chosen import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.fitting import CELL, Surrogate, cell_name, cells_of, surrogates_of
 
-#: Answers are withheld where a right surrogate would see evidence this contrary with less than this
-#: probability.
+#: An answer is withheld where the pooled p-value of the comparison is below this: a correct surrogate would
+#: hardly ever differ as much from direct simulation.
 CONTRADICTED = 0.001
-#: Below this probability the evidence is close: more points are simulated before anything is withheld.
+#: Where the p-value is below this, more points are simulated before anything is withheld.
 CLOSE = 0.05
 
 
 def draw_runs(
     surrogate: Surrogate | ChosenSurrogate, z: NDArray[np.float64], rng: np.random.Generator, draws: int
 ) -> NDArray[np.float64]:
-    """New runs that a surrogate allows at coded levels (M, n), shape (draws, M), neighbours correlated."""
+    """Draw values of new runs (draws, M) at coded levels (M, n) from a surrogate's uncertainty and noise.
+
+    A draw uses one response function for all points, so that its errors at nearby points are correlated.
+    """
     if isinstance(surrogate, ChosenSurrogate):
         mean, noise = surrogate.draw(z, rng, draws), surrogate.spread_at(z) * surrogate.noise
     else:
@@ -50,13 +53,13 @@ def draw_runs(
 def weigh_evidence(
     audit: pd.DataFrame, verdicts: pd.DataFrame | None = None, direct: pd.DataFrame | None = None
 ) -> pd.DataFrame:
-    """Which detectors' answers stand, and which are withheld.
+    """Decide which detectors' answers are given, and which are withheld.
 
-    Direct simulation answers three questions: whether no more values lie outside their 95 % intervals than
-    chance allows, given that the misses of one surrogate are correlated; whether the scope's verdicts agree
-    as often as they should; whether the SNR is the same. Their probabilities under a right surrogate are
-    pooled by the Cauchy combination, which holds however the three depend on one another. One unlucky test of
-    three withholds nothing.
+    Direct simulation tests three things. Do more values lie outside their 95 % intervals than chance
+    explains? (The errors of one surrogate are correlated, which the test allows for.) Do the scope's verdicts
+    disagree more often than chance explains? Does the SNR differ? The three p-values are pooled by the Cauchy
+    combination, which is valid however the tests depend on each other. So one unlucky test of three withholds
+    nothing.
 
     Parameters
     ----------
@@ -71,9 +74,9 @@ def weigh_evidence(
     -------
     DataFrame
         ``fda``, ``model``, ``n``, ``n_inside``, ``share_inside``, ``share_low``, ``share_high``;
-        ``p_audit``, ``p_scope``, ``p_direct``, NaN where not asked; ``p``, pooled; ``close``, whether it is
-        below `CLOSE`; ``answer``: ``given``, ``withheld`` where it is below `CONTRADICTED`, or ``not
-        audited`` where every audited value failed.
+        p-values ``p_audit``, ``p_scope``, ``p_direct``, NaN for a test that was not made; ``p``, the pooled
+        p-value; ``close``, whether it is below `CLOSE`; ``answer``: ``given``, ``withheld`` where it is below
+        `CONTRADICTED`, or ``not audited`` where every audited value failed.
 
     References
     ----------
@@ -110,9 +113,9 @@ def weigh_evidence(
 
 
 def combine(p: NDArray[np.float64]) -> float:
-    """Several probabilities pooled by the Cauchy combination; NaN are left out, NaN where all are NaN.
+    """Pool p-values (K,) by the Cauchy combination; NaN are left out, and the result is NaN where all are.
 
-    A probability above a half counts as a half, so that no agreement outweighs a contradiction.
+    A p-value above 0.5 counts as 0.5, so that agreement in one test cannot outweigh contradiction in another.
     """
     known = np.clip(p[~np.isnan(p)], 1e-15, 0.5)
     return float(stats.cauchy.sf(np.mean(stats.cauchy.isf(known)))) if known.size else np.nan
@@ -121,7 +124,7 @@ def combine(p: NDArray[np.float64]) -> float:
 def resample_evidence(
     audit: pd.DataFrame, verdicts: pd.DataFrame, direct: pd.DataFrame | None, stream: np.random.Generator
 ) -> list[str]:
-    """Detectors that are withheld where audited values and scope verdicts are resampled."""
+    """Return the detectors that are withheld when audited values and scope verdicts are resampled."""
     values, agreed = (
         table.iloc[stream.integers(0, len(table), len(table))] if len(table) else table
         for table in (audit, verdicts)
@@ -130,12 +133,15 @@ def resample_evidence(
 
 
 def withheld_answers(answers: pd.DataFrame) -> list[str]:
-    """Detectors whose answers are withheld, sorted."""
+    """Return the detectors whose answers are withheld, sorted."""
     return sorted(answers.loc[answers["answer"] == "withheld", "fda"])
 
 
 def _test_coverage(good: pd.DataFrame) -> float:
-    """Probability that a right surrogate leaves at least as many values outside their intervals."""
+    """Return the probability that a correct surrogate has at least as many values outside their intervals.
+
+    The number of these values follows a negative binomial distribution, as the errors are correlated.
+    """
     if good.empty:
         return np.nan
     outside, expected = int((~good["inside"]).sum()), 0.05 * len(good)
@@ -145,14 +151,14 @@ def _test_coverage(good: pd.DataFrame) -> float:
 
 
 def _test_verdicts(verdicts: pd.DataFrame) -> float:
-    """Probability that a right surrogate disagrees in at least as many scope verdicts."""
+    """Return the probability that a correct surrogate disagrees in at least as many scope verdicts."""
     if verdicts.empty:
         return np.nan
     return float(stats.poisson.sf(int((~verdicts["agrees"]).sum()) - 1, verdicts["chance"].sum()))
 
 
 def _test_snr(direct: pd.DataFrame) -> float:
-    """Probability that a right surrogate's SNR is at least as far from the directly simulated one."""
+    """Return the probability that a correct surrogate's SNR is at least as far from direct simulation."""
     names = ["snr_direct", "direct_low", "direct_high", "snr_surrogate", "surrogate_low", "surrogate_high"]
     rows = direct[names].dropna().to_numpy(dtype=float)
     if not len(rows):
@@ -163,21 +169,22 @@ def _test_snr(direct: pd.DataFrame) -> float:
 
 
 AUDIT = "audit"
-#: Name of the set of further points, simulated where the evidence is close.
+#: Name of the set of additional points, which are simulated where the evidence is close.
 RECHECK = "recheck"
-#: Runs drawn from a surrogate to see how its errors at neighbouring points are correlated.
+#: Number of sets of runs that are drawn from a surrogate to find how its errors at the points are correlated.
 DRAWS = 400
+#: Columns that tell why a point was chosen.
 _ABOUT = ["reason", "hypothesis", "factor", "delta", "sigma", "worn_axis"]
 
 
 def scope_boundary(
     scope: pd.DataFrame, factor: str, share: float = 0.5, place: float = 0.5
 ) -> tuple[float, float]:
-    """A grid cell (Delta, sigma) at the edge of the scope of most cells.
+    """Find a point (Delta, sigma) on the boundary of the scope of most cells.
 
-    Over all cells of the table, by the exact method where the table has it: for each sigma the smallest Delta
-    at which at least `share` of the cells pass; of these points the one at the share `place` of the sigmas.
-    Where no point passes, the largest Delta and the smallest sigma.
+    The boundary is, for each sigma, the smallest Delta at which at least the share `share` of the cells pass.
+    The returned point is the one at the share `place` of the sigmas of the boundary. Where no point passes,
+    it is the largest Delta and the smallest sigma. The exact method is used where the table has it.
 
     Raises
     ------
@@ -206,12 +213,12 @@ def choose_audit_points(
     f0: float = -2.0,
     detection: float = 0.99,
 ) -> pd.DataFrame:
-    """Points to simulate for the audit, most telling first.
+    """Choose the points to simulate for the audit, the most informative first.
 
-    The nominal point z0, where the study extrapolates to; then for each factor of `boundaries` the four runs
-    that decide a verdict at (Delta, sigma) if y is monotone in the factor: H0 and H1, each with the factor at
-    both its `detection` quantiles (held within -2..2). Wear is put on one axis a factor, by turns; after that
-    on the other axes.
+    The first is the nominal point z0, to which the study extrapolates. Then come, for each factor of
+    `boundaries`, the four runs that decide a verdict at (Delta, sigma) if y is monotone in the factor. These
+    are H0 and H1, each with the factor at both its `detection` quantiles (clipped to -2..2). Each factor has
+    wear on one axis, in turn; points with wear on the other axes come last.
 
     Parameters
     ----------
@@ -219,16 +226,18 @@ def choose_audit_points(
     boundaries : mapping of str to (Delta, sigma)
         E.g. from `scope_boundary`; coded.
     points : int
-        How many points, at least 1.
+        Number of points, at least 1.
     axes : sequence of int
+        Axes that may wear.
     f0 : float
+        Coded fault level of H0.
     detection : float
-        P_d'.
+        Required probability of detection P_d'.
 
     Returns
     -------
     DataFrame
-        ``point`` (from 1), coded and natural columns as a design, then ``reason``, ``hypothesis`` (H0, H1),
+        ``point`` (from 1), the coded and natural columns of a design, ``reason``, ``hypothesis`` (H0, H1),
         ``factor``, ``delta``, ``sigma``, ``worn_axis`` (0: none).
     """
     check_factors(factors)
@@ -269,7 +278,7 @@ def choose_more_points(
     detection: float = 0.99,
     first: int = 1,
 ) -> pd.DataFrame:
-    """Points for a second look where the audit leaves the verdict open: other places of each boundary.
+    """Choose additional points where the audit leaves the verdict open, at other places of each boundary.
 
     Parameters
     ----------
@@ -277,16 +286,16 @@ def choose_more_points(
         As in `choose_audit_points`.
     scope : DataFrame
     about : sequence of str
-        Nuisances whose boundaries are looked at.
+        Nuisance factors whose boundaries are used.
     places : sequence of float
-        Shares of the sigmas at which that is done, as in `scope_boundary`.
+        Places on each boundary, as in `scope_boundary`.
     first : int
         Number of the first point.
 
     Returns
     -------
     DataFrame
-        As from `choose_audit_points`: 4 points a place and nuisance.
+        As from `choose_audit_points`, with 4 points for each place and nuisance.
     """
     parts = []
     for place in places:
@@ -304,28 +313,30 @@ def audit_table(
     model: str = "full",
     chosen: Mapping[tuple, ChosenSurrogate] | None = None,
 ) -> pd.DataFrame:
-    """Simulated and surrogate value at every audited point of every cell.
+    """Compare the simulated value with that of the surrogate at every audited point of every cell.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        Directly simulated, set ``audit``; coded factors as the axis sees them.
+        Directly simulated test quantities of the set ``audit``, with coded factors; the factor ``f`` is the
+        wear of the cell's own axis.
     surrogates : DataFrame
     points : DataFrame, optional
-        From `choose_audit_points`, to say why a point was chosen.
+        From `choose_audit_points`; adds why each point was chosen.
     model : str
     chosen : mapping, optional
-        Chosen surrogate by cell, audited in place of `model`; these state no leverage, and no point within
-        -2..2 lies outside the runs that they learned from.
+        Chosen surrogate by cell, audited in place of `model`. Chosen surrogates have no leverage, and their
+        runs cover the range -2..2.
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``point``, the coded factors, ``y_surrogate``,
-        ``low``, ``high``, ``y_direct``, ``inside`` (False where ``y_direct`` is NaN), ``failed`` (it is
-        NaN), ``status`` where the test quantities have it, ``leverage`` (variance of the predicted mean over
-        that of a run), ``extrapolated`` (leverage > 1), ``variance`` (of the number of the cell's values
-        that lie outside by chance, over how many there are); then what `points` says.
+        ``low``, ``high`` (95 % prediction interval), ``y_direct``, ``inside`` (False where ``y_direct`` is
+        NaN), ``failed`` (``y_direct`` is NaN), ``status`` where the test quantities have it, ``leverage``
+        (variance of the predicted mean over that of a run), ``extrapolated`` (leverage > 1), ``variance``
+        (variance of the number of the cell's values outside by chance, over the number of values); and the
+        columns of `points`.
 
     Raises
     ------
@@ -378,11 +389,11 @@ def audit_table(
 
 
 def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
-    """Scope verdicts at the audited grid cells, from direct runs and from the surrogate at the same points.
+    """Compare scope verdicts at the audited points (Delta, sigma): by direct runs, and by the surrogate.
 
-    If y is monotone in the factor, its 1 - P_f' quantile under H0 and 1 - P_d' quantile under H1 (with
-    P_f' = 1 - P_d') are its values at the factor's own quantiles, so four runs decide (12): it passes where
-    the smaller H1 value is not below the larger H0 value.
+    If y is monotone in the factor, its quantiles are its values at the factor's quantiles. With
+    P_f' = 1 - P_d', four runs then decide requirement (12): the point passes where the smaller value under H1
+    is not below the larger value under H0.
 
     Parameters
     ----------
@@ -393,8 +404,9 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``,
-        ``passes_surrogate``, ``passes_direct``, ``agrees``, and ``chance``, the probability that they do
-        not where the surrogate is right: cells whose own axis was worn, all four runs.
+        ``passes_surrogate``, ``passes_direct``, ``agrees``, and ``chance``: the probability of a disagreement
+        if the surrogate is correct. There is a row where the cell's own axis was worn and all four runs have
+        a value.
     """
     scatter = generator_for(0, "audit verdicts").standard_normal((2000, 2))
     rows = audit[(audit["factor"] != "") & ~audit["failed"]]
@@ -418,6 +430,6 @@ def audit_verdicts(audit: pd.DataFrame) -> pd.DataFrame:
 
 
 def _scatter(rows: pd.DataFrame, scatter: np.ndarray) -> np.ndarray:
-    """Values (N, 2) of two audited runs that the surrogate's intervals allow."""
+    """Return values (N, 2) of two audited runs, scattered within the surrogate's intervals."""
     values = rows[["y_surrogate", "low", "high"]].to_numpy(dtype=float)[:2].T
     return values[0] + scatter * (values[2] - values[1]) / (2 * special.ndtri(0.975))

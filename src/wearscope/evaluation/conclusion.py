@@ -1,6 +1,6 @@
-"""Which detector to use, what it finds and what it tolerates: a study's answer in numbers, not in words.
+"""A study's conclusion in numbers: which detector to use, the wear that it finds, the variation it tolerates.
 
-Of a study of many robots there is a row for each robot and test-cycle, the worst first.
+A study of many robots also gets an overview with one row for each robot and test-cycle, the worst first.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -15,17 +15,17 @@ from wearscope.evaluation.sampled_scope import Cells, detection_table, largest_p
 from wearscope.evaluation.scope import SURE, add_counts, choose_method, count_scope
 from wearscope.surrogates.fitting import CELL
 
-#: Shares of a group's cells that must be sure, tried in turn until some change of the fault reaches the
-#: share.
+#: Share of a detector's cells in which the requirement must surely be met. The shares are tried in this
+#: order, until some change of the fault reaches one.
 SHARES = (1.0, 0.5)
-#: Share of the largest variation that a detector bears at any change of the fault: bearing that much is
-#: enough.
+#: For each factor there is a largest variation that the detector tolerates at any change of the fault. The
+#: concluded change of the fault is the smallest at which it tolerates at least this share of that variation.
 ENOUGH = 0.5
 
 
 @dataclass(frozen=True)
 class Bound:
-    """How much variation of one factor a detector tolerates.
+    """The variation of one factor that a detector tolerates.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Bound:
     sigma : float
         Largest standard deviation, in natural units, up to which the requirement is met.
     largest : bool
-        Whether that is the end of the grid, so that it may tolerate more.
+        Whether that is the end of the grid, so that the detector may tolerate more.
     """
 
     factor: str
@@ -43,34 +43,36 @@ class Bound:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """Answer of a study, or of one robot's part of it.
+    """Conclusion of a study, or of its part for one robot.
 
     Attributes
     ----------
     robot : str
         Empty for all robots together.
     detector : str
-        Empty where no detector may be recommended.
+        Recommended detector; empty where none may be recommended.
     tied_with : list of str
-        Detectors that the SNR does not tell apart from it.
+        Detectors whose SNR does not differ significantly from that of the recommended one.
     withheld : list of str
         Detectors that direct simulation contradicts.
     wear : float
-        Smallest change of wear that is found, natural units; NaN where none is.
+        Smallest change of wear that the detector finds, in natural units; NaN where it finds none.
     bounds : list of Bound
-        By factor, at that change of wear.
+        Tolerated variation of each factor at that change of wear.
     cells, cells_sure : int
-        Cells (test-cycle, axis, robot) of the detector, and those in which all of this is sure.
+        Number of the detector's cells (robot, test-cycle, axis), and of those in which the requirement is
+        surely met within the bounds.
     shown_sure : bool
-        Whether the surrogates' uncertainty was counted; else the estimates alone say so.
+        Whether the uncertainty of the surrogates was included; otherwise only their estimates were used.
     p_f, p_d : float
-        Probability of false alarm at most, of detection at least.
+        Largest allowed probability of a false alarm, and least required probability of detection.
     upper : list of str
-        Detectors that are told the simulator's law: upper bounds, never recommended.
+        Detectors that know the simulator's friction law. They are upper bounds and never recommended.
     agree, resamplings : int
-        How often the choice was made again, and in how many of these the same detector comes out.
+        Number of repetitions of the choice on resampled cells that chose the same detector, and number of
+        repetitions.
     cells_first : int
-        Cells in which the detector has the largest SNR of all that may be recommended.
+        Number of cells in which the detector has the largest SNR of all that may be recommended.
     """
 
     robot: str
@@ -90,14 +92,14 @@ class Conclusion:
     cells_first: int = 0
 
     def to_mapping(self) -> dict[str, object]:
-        """Fields as JSON holds them; NaN is null."""
+        """Return the fields in a form that JSON holds; NaN becomes null."""
         fields = asdict(self)
         fields["wear"] = None if np.isnan(self.wear) else self.wear
         return fields
 
 
 def read_conclusion(fields: Mapping[str, object]) -> Conclusion:
-    """The inverse of `Conclusion.to_mapping`."""
+    """Return the conclusion from the fields that `Conclusion.to_mapping` returned."""
     given = dict(fields)
     given["wear"] = np.nan if given["wear"] is None else given["wear"]
     given["bounds"] = [Bound(**one) for one in given["bounds"]]  # type: ignore[attr-defined]
@@ -114,30 +116,30 @@ def draw_conclusion(
     robot: str = "",
     recommended: Recommendation | None = None,
 ) -> Conclusion:
-    """Detector to use, the smallest change of wear that it finds, and how much it tolerates of each factor.
+    """Conclude which detector to use, the smallest wear that it finds, and the variation that it tolerates.
 
-    The change of wear is the smallest at which the detector bears, for every factor, half of the largest
-    variation that it bears at any change: below that, a little less wear costs much tolerance.
+    The wear is the smallest change at which the detector tolerates, for every factor, at least half of the
+    largest variation that it tolerates at any change. Below it, a little less wear costs much tolerance.
 
     Parameters
     ----------
     scope : iterable of DataFrame
-        Parts of the table from `wearscope.evaluation.scope`, each of other cells; one factor varies at a
-        time. Gone through twice, one part held at a time.
+        Parts of the table from `wearscope.evaluation.scope`, each with other cells; one factor varies at a
+        time. It is iterated twice, with one part in memory at a time.
     ranking : DataFrame
-        Of these cells, by detector; an upper bound has no rank (`rank_deployable`).
+        Ranking of these cells, by detector; an upper bound has no rank (see `rank_deployable`).
     factors : sequence of Factor
     p_f, p_d : float
-        What the scope asks.
+        Requirement of the scope: probabilities of false alarm and of detection.
     withheld : collection of str
     robot : str
-        For the record.
+        Robot of these cells; empty for all robots.
     recommended : Recommendation, optional
-        What `recommend` found; else the ranking is picked from as it is.
+        Result of `recommend`; by default the detector is picked from the ranking alone.
     """
     counts = add_counts(count_scope(choose_method(part)) for part in scope)
     shown_sure = bool(counts["known"].any())
-    # Where no confidence was asked, the estimates alone decide.
+    # Where the scope table has no confidence, the estimates alone decide.
     counts = counts.assign(sure=counts["sure" if shown_sure else "passes"])
     upper = sorted(ranking.loc[ranking["rank"].isna(), "fda"])
     if recommended is None:
@@ -164,12 +166,15 @@ def draw_conclusion(
 
 
 def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
-    """Smallest coded change of wear that a detector finds, and the variation of each factor it then bears."""
+    """Return the smallest coded change of wear that a detector finds, and the tolerated coded variations.
+
+    `own` are the detector's counts on the grid; both results are explained at `draw_conclusion`.
+    """
     for share in SHARES:
         limits, deltas = {}, np.zeros(0)
         for name, rows in own.groupby("factor", sort=True):
             wide = rows.pivot(index="delta", columns="sigma", values="sure")
-            # A factor without influence on a robot has no scope there, and limits nothing.
+            # A factor that was dropped for a robot has no rows there, and so fewer cells.
             needed = int(np.ceil(share * rows["cells"].max()))
             deltas, sigmas = wide.index.to_numpy(float), wide.columns.to_numpy(float)
             limits[str(name)] = largest_passing(wide.to_numpy(float) >= needed, sigmas)
@@ -186,7 +191,10 @@ def smallest_change(own: pd.DataFrame) -> tuple[float, dict[str, float]]:
 def count_sure(
     own: pd.DataFrame, delta: float, borne: Mapping[str, float], shown_sure: bool
 ) -> tuple[int, int]:
-    """Number of a detector's cells, and of those in which its bounds at a change of wear are sure."""
+    """Return the number of a detector's cells, and of those in which it surely meets the requirement.
+
+    The requirement must be met at a change of wear, for all variations up to the tolerated ones.
+    """
     cells = own[CELL].drop_duplicates()
     if np.isnan(delta):
         return len(cells), 0
@@ -206,13 +214,13 @@ def threshold_table(
     levels: Mapping[str, float],
     f0: float,
 ) -> pd.DataFrame:
-    """Alarm threshold of every cell of the recommended detector.
+    """Return the alarm threshold of every cell of the recommended detector.
 
     Returns
     -------
     DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``threshold``: the largest that any of the factors asks at
-        its bound. Empty where nothing is recommended.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``threshold``: the largest of the thresholds that each factor
+        needs at its tolerated variation. Empty where no detector is recommended.
     """
     columns = [*CELL, "threshold"]
     by_name = {factor.name: factor for factor in factors}
@@ -238,12 +246,12 @@ def threshold_tables(
     levels: Mapping[str, float],
     f0: float,
 ) -> pd.DataFrame:
-    """Thresholds of every conclusion in the cells that it is about; ``asked`` is the conclusion's robot.
+    """Return the thresholds of every conclusion in its cells; ``asked`` is the conclusion's robot.
 
     Parameters
     ----------
     cells : iterable of cells
-        In parts, each gone through once.
+        Cells in parts, each iterated once.
     conclusions : sequence of Conclusion
     factors, levels, f0
         As in `threshold_table`.
@@ -274,7 +282,7 @@ def conclude_study(
     upper: Collection[str] = (),
     again: Callable[[np.random.Generator], Collection[str]] | None = None,
 ) -> tuple[list[Conclusion], pd.DataFrame]:
-    """Conclusions of all robots together and, where there are several, of each; and their rankings.
+    """Conclude a study: for all robots together and, where there are several, for each robot.
 
     Parameters
     ----------
@@ -285,9 +293,9 @@ def conclude_study(
         As in `draw_conclusion`.
     seed : int
     upper : collection of str
-        Detectors that are told the simulator's law; they get no rank.
+        Detectors that know the simulator's friction law; they get no rank.
     again : callable, optional
-        What is withheld when the choice is made again, as in `recommend`.
+        Returns the withheld detectors for a resampling, as in `recommend`.
 
     Returns
     -------
@@ -323,26 +331,27 @@ def overview_table(
     conclusions: Sequence[Conclusion],
     factors: Sequence[Factor],
 ) -> pd.DataFrame:
-    """Results of the detector that is recommended for each robot, a row for each of its test-cycles.
+    """Summarise each robot and test-cycle in one row, for the detector that is recommended for the robot.
 
     Parameters
     ----------
     scope, snr : DataFrame
-        Of some robots.
+        Tables of some robots.
     fits : DataFrame
-        ``robot``, ``cycle``, ``fda``, ``fit`` [%] of the surrogates that are asked.
+        ``robot``, ``cycle``, ``fda``, ``fit`` [%] of the surrogates in use.
     failed_simulations : DataFrame
-        ``robot``, ``cycle``.
+        ``robot``, ``cycle`` of each failed point.
     conclusions : sequence of Conclusion
-        Of these robots; a robot that is alone has the one of all together.
+        Conclusions for these robots; a study of one robot has only the conclusion for all together.
     factors : sequence of Factor
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``; ``detector``, empty where none is recommended; ``wear``, the smallest change
-        that it finds there, natural units, NaN where none; ``cells`` and ``cells_sure`` of it there; ``snr``,
-        its median; ``fit`` [%], its lowest; ``failed_simulations``. Sorted by `sort_worst_first`.
+        that it finds there, in natural units, NaN where it finds none; ``cells`` and ``cells_sure`` as in
+        `Conclusion`; ``snr``, the median; ``fit``, the lowest [%]; ``failed_simulations``, their number.
+        Sorted by `sort_worst_first`.
     """
     step = next(one for one in factors if one.name == FAULT).step
     found = {one.robot: one for one in conclusions}
@@ -366,17 +375,19 @@ def overview_table(
 
 
 def sort_worst_first(overview: pd.DataFrame) -> pd.DataFrame:
-    """Rows where no wear is found first, then by the smallest wear that is found, then by the SNR."""
+    """Sort rows: those without any found wear first, then by falling wear, then by rising SNR."""
     order = overview.assign(wear=overview["wear"].fillna(np.inf), snr=overview["snr"].fillna(-np.inf))
     order = order.sort_values(["wear", "snr", "robot", "cycle"], ascending=[False, True, True, True])
     return overview.loc[order.index].reset_index(drop=True)
 
 
 def _at(table: pd.DataFrame, robot: object, cycle: object, detector: str) -> pd.Series:
+    """Mark the rows of a robot, test-cycle and detector."""
     return (table["robot"] == robot) & (table["cycle"] == cycle) & (table["fda"] == detector)
 
 
 def _find(scope: pd.DataFrame, one: Conclusion, step: float) -> Mapping[str, object]:
+    """Return ``wear``, ``cells`` and ``cells_sure`` of the rows of a scope table."""
     if scope.empty:
         return {"wear": np.nan, "cells": 0, "cells_sure": 0}
     own = choose_method(scope)

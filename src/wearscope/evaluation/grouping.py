@@ -1,6 +1,6 @@
-"""Groups over robot, cycle, axis and detector, and the intervals stated with them.
+"""Groups of cells, and statistics over them with confidence intervals.
 
-Detectors are compared over the cells that they share, with bootstrap intervals.
+Detectors are compared over the cells that they share; the intervals come from the bootstrap.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ from wearscope.surrogates.fitting import CELL
 
 
 def check_group(by: Sequence[str]) -> list[str]:
-    """Refuse a grouping over anything but the design parameters.
+    """Refuse a grouping by anything but the design parameters; return it as a list.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def check_group(by: Sequence[str]) -> list[str]:
 
 
 def groups_of(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[tuple, pd.DataFrame]]:
-    """Groups of a table in sorted order; all rows are one group, keyed ``()``, where `by` is empty."""
+    """Yield key and rows of each group in sorted order; an empty `by` gives one group with the key ``()``."""
     by = check_group(by)
     if not by:
         yield (), table
@@ -42,7 +42,7 @@ def groups_of(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[tuple, p
 
 
 def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[float, float]:
-    """Wilson score interval of a share; NaN without trials.
+    """Return the Wilson score interval of a share; NaN without trials.
 
     References
     ----------
@@ -57,7 +57,9 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[f
 
 
 def box_statistics(values: ArrayLike) -> dict[str, float]:
-    """Median, quartiles and whiskers (last value within 1.5 interquartile ranges); NaN left out, counted.
+    """Compute median, quartiles and whiskers of a box plot; NaN are left out and counted.
+
+    A whisker ends at the last value within 1.5 interquartile ranges of the box.
 
     Parameters
     ----------
@@ -87,28 +89,30 @@ def box_statistics(values: ArrayLike) -> dict[str, float]:
 
 
 def bootstrap_indices(n: int, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Resampled positions, shape (draws, n)."""
+    """Draw indices (draws, n) with replacement."""
     return rng.integers(0, n, size=(draws, n))
 
 
 Array = NDArray[np.float64]
 
+#: Columns that name a cell of a given detector.
 CELL_OF_DETECTOR = ["robot", "cycle", "axis"]
 FEWEST = 5
-"""Cells below which no interval is stated: a resample of fewer says nothing."""
+"""Fewest cells for a bootstrap interval: resampling fewer cells tells nothing."""
 DRAWS = 2000
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % interval over the choice of cells.
+    """A statistic over cells with its 95 % bootstrap interval.
 
     Attributes
     ----------
     value, low, high : float
-        NaN where unknown; the interval also where fewer than `FEWEST` cells have the number.
+        Value and interval; NaN where unknown. The interval is NaN also where fewer than `FEWEST` cells have a
+        value.
     n : int
-        Cells that it rests on.
+        Number of cells with a value.
     """
 
     value: float
@@ -117,25 +121,25 @@ class Estimate:
     n: int
 
     def above(self, threshold: float) -> bool | None:
-        """Whether it is larger than a threshold; None where the interval leaves that open."""
+        """Return whether the interval lies above a threshold; None where it contains it or is NaN."""
         if np.isnan(self.low) or np.isnan(self.high) or self.low <= threshold <= self.high:
             return None
         return bool(self.low > threshold)
 
     def below(self, threshold: float) -> bool | None:
-        """Whether it is smaller than a threshold; None where the interval leaves that open."""
+        """Return whether the interval lies below a threshold; None where it contains it or is NaN."""
         larger = self.above(threshold)
         return None if larger is None else not larger
 
 
 def pivot_detectors(table: pd.DataFrame, value: str) -> pd.DataFrame:
-    """Matrix of a column: robot, test-cycle and axis down, detectors across."""
+    """Return a column as a matrix: rows are robot, test-cycle and axis; columns are detectors."""
     wide = table.pivot(index=CELL_OF_DETECTOR, columns="fda", values=value)
     return wide.sort_index(axis=0).sort_index(axis=1).astype(float)
 
 
 def nan_median(values: Array) -> Array:
-    """Median over the last axis but one without NaN; NaN where all values are NaN; infinities count."""
+    """Return the median over the second-last axis; NaN are left out, infinite values count."""
     ordered = np.sort(values, axis=-2)  # NaN last
     count = np.sum(~np.isnan(values), axis=-2, keepdims=True)
     lower, upper = (
@@ -146,7 +150,7 @@ def nan_median(values: Array) -> Array:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis but one without NaN; NaN where all values are NaN."""
+    """Return the mean over the second-last axis; NaN are left out, and it is NaN where all values are."""
     count = np.sum(~np.isnan(values), axis=-2)
     total = np.sum(np.where(np.isnan(values), 0.0, values), axis=-2)
     return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
@@ -155,7 +159,7 @@ def nan_mean(values: Array) -> Array:
 def estimate_columns(
     wide: pd.DataFrame, statistic: Callable[[Array], Array] = nan_median
 ) -> dict[str, Estimate]:
-    """Statistic of each detector's column, with its interval."""
+    """Estimate a statistic of each detector's column, with its interval."""
     values = wide.to_numpy(dtype=float)
     value, boot = statistic(values), _resample(values, statistic)
     counts = (~np.isnan(values)).sum(axis=0)
@@ -171,7 +175,10 @@ def estimate_difference(
     second: str,
     statistic: Callable[[Array], Array] = nan_median,
 ) -> Estimate:
-    """Statistic of `first` less that of `second`, resampling the cells that both have together."""
+    """Estimate the statistic of `first` minus that of `second`, over the cells that both have.
+
+    Both are resampled with the same cells, so that the difference is paired.
+    """
     pair = wide[[first, second]].dropna()
     values = pair.to_numpy(dtype=float)
     if not len(values):
@@ -182,13 +189,14 @@ def estimate_difference(
 
 
 def _resample(values: Array, statistic: Callable[[Array], Array]) -> Array:
-    """Statistic of resampled rows, (`DRAWS`, columns); the draws depend on the number of rows only."""
+    """Return the statistic of resampled rows (`DRAWS`, columns); the draws depend on the row count alone."""
     n = len(values)
     rng = np.random.default_rng(np.random.SeedSequence([n, 29]))
     return statistic(values[bootstrap_indices(n, DRAWS, rng)])
 
 
 def _estimate(value: float, boot: Array, n: int) -> Estimate:
+    """Return a value with the 95 % interval of its bootstrap values."""
     good = boot[~np.isnan(boot)]
     if n < FEWEST or not good.size:
         return Estimate(value, np.nan, np.nan, n)
@@ -197,9 +205,11 @@ def _estimate(value: float, boot: Array, n: int) -> Estimate:
 
 
 def decide(outcomes: Sequence[bool | None]) -> str:
-    """A claim's verdict from its parts: agrees, disagrees, partly, undecided; not asked without parts.
+    """Decide a claim from its parts, each true, false or open (None).
 
-    Parts that the intervals leave open make it undecided, unless some part is refuted.
+    Returns ``agrees`` where all parts are true. Where a part is false, it returns ``partly`` if another is
+    true, else ``disagrees``. It returns ``undecided`` where parts are open and none is false, and ``not
+    asked`` without parts.
     """
     if not outcomes:
         return "not asked"

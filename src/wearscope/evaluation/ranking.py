@@ -1,7 +1,7 @@
-"""Detectors ranked by their median SNR, and which one to recommend.
+"""Ranks detectors by their median SNR, and recommends one.
 
-Stated with it: what the choice of cells leaves open, and how often a resampled study would recommend the
-same.
+A ranking states the uncertainty that comes from the choice of cells. A recommendation states how often it is
+repeated on resampled cells.
 """
 
 from collections import Counter
@@ -27,7 +27,7 @@ from wearscope.evaluation.grouping import (
 from wearscope.evaluation.scope import choose_method, count_scope
 from wearscope.surrogates.fitting import CELL, cell_name
 
-#: Largest number of values that one block of resamplings holds in memory.
+#: Largest number of values of a block of resamplings, which bounds the memory.
 _BLOCK = 1_000_000
 
 
@@ -39,11 +39,11 @@ def rank_deployable(
     Parameters
     ----------
     table : DataFrame
-        One row a cell.
+        One row for each cell.
     bounds : collection of str
-        Detectors that are told the simulator's law.
+        Upper bounds: detectors that know the simulator's friction law.
     by, **options
-        As in `rank_by_median`. Groups of several detectors leave upper bounds out.
+        As in `rank_by_median`. Where `by` does not contain ``fda``, upper bounds are left out of the groups.
     """
     apart = table["fda"].isin(list(bounds))
     if not apart.any():
@@ -66,17 +66,18 @@ def rank_by_median(
     seed: int = 0,
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Rank groups by their median, with what the choice of cells leaves open.
+    """Rank groups of cells by their median, with intervals for the uncertainty from the choice of cells.
 
-    The remaining design parameters are resampled together (a cell that every group shares is drawn for all of
-    them at once), so that differences between groups are paired. Where a group has values in fewer than
-    `FEWEST` of them, resampling says nothing: there the cells' own intervals decide. A group's interval is
-    the medians of its cells' ends; a group without intervals is tied with every other.
+    The combinations of the other design parameters are resampled, each for all groups at once, so that
+    differences between groups are paired. Where a group has values in fewer than `FEWEST` combinations,
+    resampling tells nothing. Then the intervals of the single cells decide: the interval of a group goes from
+    the median of their lower ends to the median of their upper ends, and a group without intervals is tied
+    with every other.
 
     Parameters
     ----------
     table : DataFrame
-        One row a cell.
+        One row for each cell.
     value : str
         Column to rank by, larger is better; NaN rows are left out and counted.
     by : sequence of str
@@ -85,14 +86,15 @@ def rank_by_median(
         Bootstrap draws.
     seed : int
     level : float
+        Level of the intervals.
 
     Returns
     -------
     DataFrame
         Best first: the group columns, ``n``, ``n_nan``, ``median``, ``median_low``, ``median_high``,
         ``rank`` (1 is best), ``rank_low``, ``rank_high`` (interval), ``tied_with`` (groups whose median
-        difference has an interval that holds 0, or whose own interval overlaps), ``interval_from``: ``choice
-        of cells`` or ``each cell``.
+        does not differ significantly, or whose interval overlaps), ``interval_from``: ``choice of cells`` or
+        ``each cell``.
 
     Raises
     ------
@@ -117,14 +119,14 @@ def rank_by_median(
         return _rank_few(values, low, high, keys, by)
     stream = generator_for(seed, "rank", value, *by)
     median = nan_median(values)
-    # Drawn in blocks: all at once they would take draws times the memory of the values.
+    # Drawn in blocks: all draws at once would take as many times the memory of the values.
     block = max(1, _BLOCK // values.size)
     sizes = (min(block, draws - begin) for begin in range(0, draws, block))
     boot = np.concatenate([nan_median(values[bootstrap_indices(len(values), n, stream)]) for n in sizes])
     tail = 0.5 - level / 2
     order = np.argsort(-np.where(np.isnan(median), -np.inf, median), kind="stable")
     filled = np.where(np.isnan(boot), -np.inf, boot)
-    ranks = 1 + np.sum(filled[:, None, :] > filled[:, :, None], axis=2)  # equals share the better rank
+    ranks = 1 + np.sum(filled[:, None, :] > filled[:, :, None], axis=2)  # equal values share the better rank
     tied: list[list[str]] = [[] for _ in keys]
     for i, j in combinations(range(len(keys)), 2):
         difference = boot[:, i] - boot[:, j]
@@ -147,7 +149,7 @@ def rank_by_median(
 
 
 def _rank_few(values: Array, low: Array, high: Array, keys: list[tuple], by: Sequence[str]) -> pd.DataFrame:
-    """Ranking of few cells (N, G) by their own intervals; a group without one is tied with every other."""
+    """Rank few cells (N, G) by their own intervals; a group without an interval is tied with every other."""
     median, low, high = (nan_median(one) for one in (values, low, high))
     known = np.isfinite(median)
     bottom, top = np.where(np.isfinite(low), low, -np.inf), np.where(np.isfinite(high), high, np.inf)
@@ -173,7 +175,7 @@ def _describe_group(
     places: tuple[int, int, int],
     tied: Sequence[str],
 ) -> dict[str, Any]:
-    """A group's columns from its cells' values (N,), its rank and the interval of the rank."""
+    """Return a group's columns: counts of its cells' values (N,), median, rank and their intervals."""
     return {
         "n": int(np.sum(~np.isnan(values))),
         "n_nan": int(np.sum(np.isnan(values))),
@@ -185,9 +187,9 @@ def _describe_group(
     }
 
 
-#: Resamplings: how often the choice of a detector is repeated on resampled cells.
+#: Number of times that the choice of a detector is repeated on resampled cells.
 RESAMPLINGS = 20
-#: Resamplings in which the same detector must be chosen for the recommendation to count as settled.
+#: A recommendation counts as settled where at least this many repetitions choose the same detector.
 SETTLED = 18
 
 
@@ -200,12 +202,12 @@ class Recommendation:
     detector : str
         Empty where none may be recommended.
     tied_with : list of str
-        Detectors that the SNR does not tell apart from it.
+        Detectors whose SNR does not differ significantly from that of the recommended one.
     agree : int
-        Of `RESAMPLINGS`, those in which it comes out.
+        Number of the `RESAMPLINGS` repetitions that choose this detector.
     cells, cells_first : int
-        Combinations of robot, test-cycle and axis, and those in which it has the largest SNR of all that may
-        be recommended.
+        Number of combinations of robot, test-cycle and axis, and of those in which the detector has the
+        largest SNR of all that may be recommended.
     """
 
     detector: str
@@ -218,20 +220,21 @@ class Recommendation:
 def pick_detector(
     ranking: pd.DataFrame, reach: pd.Series, withheld: Collection[str] = ()
 ) -> tuple[str, list[str]]:
-    """Of the detectors with the best median SNR and those not told apart from it, the one that reaches most.
+    """Pick the detector with the widest scope among the one with the best median SNR and those tied with it.
 
     Parameters
     ----------
     ranking : DataFrame
-        From `wearscope.evaluation.ranking.rank_deployable`; what has no rank is never picked.
+        From `wearscope.evaluation.ranking.rank_deployable`; a detector without a rank is never picked.
     reach : Series
-        Share of the scope's grid on which each detector surely works, by detector.
+        By detector, the share of the scope's grid on which it surely meets the requirement.
     withheld : collection of str
 
     Returns
     -------
-    detector, tied_with
-        An empty name where none is left whose median SNR is positive.
+    detector : str
+        Empty where no detector with a positive median SNR is left.
+    tied_with : list of str
     """
     kept = ranking[ranking["rank"].notna() & ~ranking["fda"].isin(list(withheld)) & (ranking["median"] > 0)]
     if kept.empty:
@@ -244,9 +247,10 @@ def pick_detector(
 
 
 def reach_table(scope: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Share of the grid on which each cell surely meets the requirement: `CELL` and ``reach``.
+    """Return the share of the scope's grid on which each cell surely meets the requirement.
 
-    By the exact method where it is there; by the estimates where no confidence was asked.
+    The exact method is used where the table has it, and the estimates alone where it has no confidence. The
+    columns are those of `CELL` and ``reach``.
     """
     parts = []
     for part in scope:
@@ -264,27 +268,27 @@ def recommend(
     again: Callable[[np.random.Generator], Collection[str]] | None = None,
     seed: int = 0,
 ) -> tuple[Recommendation, pd.DataFrame]:
-    """The detector that comes out most often when the choice is made again.
+    """Recommend the detector that is chosen most often when the choice is repeated on resampled data.
 
-    In each resampling every cell's SNR is drawn anew within its interval; combinations of robot, test-cycle
-    and axis are resampled where there are `FEWEST` or more; and what is withheld is decided again.
+    A repetition draws every cell's SNR anew within its interval. It resamples the combinations of robot,
+    test-cycle and axis where there are at least `FEWEST`. It also decides again which detectors are withheld.
 
     Parameters
     ----------
     snr : DataFrame
-        One row a cell: ``snr_exact``, ``snr_low``, ``snr_high``.
+        One row for each cell: ``snr_exact``, ``snr_low``, ``snr_high``.
     reach : DataFrame
         From `reach_table`.
     upper, withheld : collection of str
     again : callable, optional
-        The detectors that are withheld in a resampling.
+        Returns the withheld detectors for a repetition, given a random generator.
     seed : int
 
     Returns
     -------
     recommendation : Recommendation
     ranking : DataFrame
-        Of all cells, without resampling.
+        Ranking of all cells, without resampling.
     """
     ranking = rank_deployable(snr, upper, seed=seed)
     first, tied = pick_detector(ranking, reach.groupby("fda")["reach"].mean(), withheld)
@@ -307,7 +311,7 @@ def recommend(
 def _resample(
     snr: pd.DataFrame, reach: pd.DataFrame, stream: np.random.Generator
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Both tables resampled: values within their intervals, combinations where there are enough."""
+    """Resample both tables: SNR within its intervals, and combinations where there are enough."""
     columns = ["snr_exact", "snr_low", "snr_high"]
     rows = snr.reindex(columns=list(dict.fromkeys([*snr.columns, *columns])))
     half = ((rows["snr_high"] - rows["snr_low"]) / 2).fillna(0.0)

@@ -1,9 +1,10 @@
-"""What a correction changes: coefficients, SNR, ranks and scope before, after and in truth.
+"""Reevaluation: how the correction of a robot's model changes a study's answers.
 
-A side is a model and, where its uncertainty is known, further models drawn from it. Each model answers the
-study's questions with the study's settings. The distribution of a side combines the answers of its models
-with the uncertainty of their surrogates. Sure changes are the best detectors, and which side is nearer to the
-truth.
+The sides are the model before and after the correction and, in a simulation, the truth. A side is a model
+and, where its uncertainty is known, further models drawn from that. Each model answers the study's questions
+(coefficients, SNR, ranks, scope) with the study's settings. The distribution of a side's answers combines its
+models and the uncertainty of their surrogates. From these follow the best detectors of each side, and which
+side is nearer to the truth.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,30 +26,31 @@ from wearscope.surrogates.chosen import CONSTANT, ChosenSurrogate, read_chosen, 
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
 
 Array = NDArray[np.float64]
-#: Changes of the fault, coded, at which the scope is stated.
+#: Coded changes of the fault at which the scope is stated.
 DELTAS = (1.0, 2.0, 4.0)
-#: Fewest drawn response functions from which a median is taken as the value.
+#: Fewest drawn response functions from which a median is computed.
 FEWEST = 100
-#: Key of an answer: test-cycle, axis, detector, question, its object, coded change of the fault (0: none).
+#: Key of an answer: test-cycle, axis, detector, question, term or factor, coded change of the fault (0:
+#: none).
 Key = tuple[str, int, str, str, str, float]
 
 
 @dataclass(frozen=True)
 class Questions:
-    """The study's settings for its questions.
+    """The study's questions with their settings.
 
     Attributes
     ----------
     factors : sequence of Factor
     model : str
-        Quadratic model whose coefficients are compared.
+        Quadratic surrogate whose coefficients are compared.
     snr : mapping
-        ``f0``, ``delta``, ``sigma`` of (20).
+        ``f0``, ``delta``, ``sigma`` of eq. (20).
     scope : mapping
         ``factors``, ``f0``, ``sigma`` (first, last), ``grid``, ``p_f``, ``p_d``.
     seed : int
     draws : int
-        Of a side, shared by its models.
+        Number of draws of a side, divided among its models.
     """
 
     factors: Sequence[Factor]
@@ -66,9 +68,9 @@ class Answers:
     Attributes
     ----------
     value : dict
-        Answer of the side's own model by place.
+        Answer of the side's own model, by key.
     drawn : dict
-        By place, an array (draws,) each; index k belongs to one model and is the same in every place.
+        Drawn answers (draws,), by key. Draws with the same index belong to the same model.
     """
 
     value: dict[Key, float] = field(default_factory=dict)
@@ -76,15 +78,16 @@ class Answers:
 
 
 def share_surrogates(chosen: pd.DataFrame) -> pd.DataFrame:
-    """Give all sides of a cell the kind and parameters of the one that cross-validates worst.
+    """Give all sides of a cell the kind and parameters of the side whose surrogate cross-validates worst.
 
-    Each side is fitted to its own runs still. With parameters of its own, one outlying run would make one
-    side's surrogate rougher than the other's, and the answers would differ by that alone.
+    Each side's surrogate is still fitted to its own runs. If each side kept its own parameters, one outlying
+    run could make one side's surrogate rougher than the other's, and the answers would differ for that
+    reason.
 
     Parameters
     ----------
     chosen : DataFrame
-        From `wearscope.surrogates.chosen.choose_surrogates`, of all sides (``robot``).
+        From `wearscope.surrogates.chosen.choose_surrogates`, with the rows of all sides (``robot``).
     """
     shared = ["kind", "parameters", "spread", "spread_asked", "nominal"]
     fits = [name for name in chosen.columns if name.startswith("left_out_")]
@@ -101,28 +104,30 @@ def share_surrogates(chosen: pd.DataFrame) -> pd.DataFrame:
 def extend_to_drawn(
     quantities: pd.DataFrame, chosen: pd.DataFrame, drawn: pd.DataFrame, side: str
 ) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
-    """Test quantities and surrogates of drawn models at all points of their side's own model.
+    """Estimate test quantities of drawn models at all points at which their side's own model was simulated.
 
-    A drawn model is simulated at few points. There its difference to the side's own model is fitted by main
-    effects, and added to the own model's values everywhere else: an additive bridge between two simulators
-    (Forrester, Soebester, Keane, Engineering Design via Surrogate Modelling, 2008, ch. 8).
+    A drawn model is simulated at few points. There, its difference to the side's own model is fitted by main
+    effects. The fitted difference is added to the own model's values at all points. This is an additive
+    bridge between two simulators (Forrester, Soebester, Keane, Engineering Design via Surrogate Modelling,
+    2008, ch. 8).
 
     Parameters
     ----------
     quantities : DataFrame
-        Of the side's own model, ``robot`` = `side`.
+        Test quantities of the side's own model, ``robot`` = `side`.
     chosen : DataFrame
-        Its chosen surrogates.
+        Chosen surrogates of that model.
     drawn : DataFrame
-        Of the drawn models, at points that the own model has too (same ``set`` and ``point``).
+        Test quantities of the drawn models, at points that the own model has too (same ``set`` and
+        ``point``).
     side : str
 
     Yields
     ------
     name : str
-        Of the drawn model.
+        Name of the drawn model.
     quantities, chosen : DataFrame
-        As those of the side's own model; cells that cannot be bridged are left out.
+        As those of the side's own model; cells with too few points for a fit are left out.
     """
     keys = ["cycle", "axis", "fda", "set", "point"]
     names = [name for name in quantities.columns if name not in {*CELL, "set", "point", "y", "status"}]
@@ -152,16 +157,16 @@ def answer_side(
     drawn: pd.DataFrame | None,
     asked: Questions,
 ) -> Answers:
-    """Answer the study's questions for a side: for its own model, and for models that its uncertainty allows.
+    """Answer the study's questions for a side: for its own model, and for the models drawn from it.
 
     Parameters
     ----------
     side : {"before", "after", "truth"}
-        The ``robot`` of its own model in the tables.
+        Name of its own model in the column ``robot``.
     quantities, chosen : DataFrame
         Test quantities and chosen surrogates of its own model.
     drawn : DataFrame or None
-        Test quantities of drawn models; None where there are none.
+        Test quantities of the drawn models; None where there are none.
     asked : Questions
     """
     answers = Answers()
@@ -176,7 +181,7 @@ def answer_side(
                 answers.value[key] = value
             collected.setdefault(key, []).append(draws)
     full = each * len(models)
-    # Where a model could not be bridged in a cell, the other models take its share of the draws.
+    # Where a drawn model has no values in a cell, the draws of the other models are repeated in its place.
     answers.drawn = {key: np.resize(np.concatenate(draws), full) for key, draws in collected.items()}
     _add_ranks(answers)
     return answers
@@ -185,7 +190,7 @@ def answer_side(
 def _answer_model(
     name: str, quantities: pd.DataFrame, chosen: pd.DataFrame, asked: Questions, draws: int
 ) -> dict[Key, tuple[float, Array]]:
-    """Value and draws of one model, by key."""
+    """Return the value and the draws (draws,) of each answer of one model, by key."""
     found: dict[Key, tuple[float, Array]] = {}
     levels = nominal_levels(asked.factors)
     sigmas = np.linspace(asked.scope["sigma"][0], asked.scope["sigma"][1], asked.scope["grid"][1])
@@ -229,10 +234,10 @@ def _answer_model(
 def _snr(
     surrogate: ChosenSurrogate, noise: float, rng: np.random.Generator, draws: int, asked: Questions
 ) -> tuple[float, Array]:
-    """SNR with the noise of single runs; the value is the median over what the runs allow.
+    """Return the SNR with the noise of single runs: the median over drawn response functions, and the draws.
 
-    Without that noise, the SNR of a detector that hardly sees the nuisances would be made of its surrogate's
-    errors.
+    Without that noise, the SNR of a detector that hardly depends on the nuisances would reflect only the
+    errors of its surrogate.
     """
     if surrogate.status != "ok" or not noise > NOISE_FREE * response_size(surrogate):
         return np.nan, np.full(draws, np.nan)
@@ -242,7 +247,7 @@ def _snr(
 
 
 def _add_ranks(answers: Answers) -> None:
-    """Rank of each detector by its SNR among those of its test-cycle and axis, draw by draw; 1 is best."""
+    """Add each detector's rank by SNR within its test-cycle and axis, for each draw; 1 is best."""
     places: dict[tuple[str, int], list[str]] = {}
     for cycle, axis, fda, question, _, _ in answers.value:
         if question == "snr":
@@ -257,7 +262,7 @@ def _add_ranks(answers: Answers) -> None:
 
 
 def rank_best(snr: ArrayLike) -> Array:
-    """Ranks of SNRs along the first axis, 1 for the largest; equals share the better one, NaN has none."""
+    """Rank SNRs along the first axis, 1 for the largest; equal values share the better rank, NaN has none."""
     return np.asarray(rankdata(-np.asarray(snr), "min", axis=0, nan_policy="omit"), dtype=float)
 
 
@@ -267,9 +272,10 @@ LEVEL = 0.95
 
 
 def withheld_cells(chosen: pd.DataFrame) -> set[tuple[str, int, str]]:
-    """Cells (test-cycle, axis, detector) whose surrogates miss their checking points too often.
+    """Return the cells (test-cycle, axis, detector) whose surrogates fail at too many checking points.
 
-    Where fewer lie in their 95 % intervals than chance allows, at 5 % over all cells and sides together.
+    A cell is withheld where fewer points lie within their 95 % intervals than chance explains, at a level of
+    5 % over all cells and sides together.
 
     Parameters
     ----------
@@ -288,29 +294,29 @@ def compare_sides(
     factors: Sequence[Factor],
     withheld: AbstractSet[tuple[str, int, str]] = frozenset(),
 ) -> pd.DataFrame:
-    """Answers before and after, and where it is known the truth, side by side.
+    """Compare the answers before and after the correction, and with the truth where it is known.
 
     Parameters
     ----------
     answers : mapping of str to Answers
         ``before``, ``after`` and, where it can be simulated, ``truth``.
     robot : str
-        What tables call the robot.
+        Name of the robot in tables.
     factors : sequence of Factor
     withheld : set
-        Of `withheld_cells`.
+        From `withheld_cells`.
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``withheld``, ``question``, ``about`` (the term or the
         factor), ``delta`` (change of the fault, natural; NaN where there is none), ``unit``; ``before``,
-        ``after``, ``truth``, each with ``_low`` and ``_high`` (95 %); ``p_changed``, how much more probable
-        one direction of the change is than the other: 0 where nothing tells, 1 where it is sure;
-        ``p_nearer``, the probability that after is nearer to the truth than before (ties count half), NaN
-        without a truth. A coefficient is over that of the fault (8); an SNR (11) is that of single runs,
-        their noise included; a rank is by SNR among the detectors of the cell's test-cycle and axis; a scope
-        is the largest standard deviation that the factor may have, natural.
+        ``after``, ``truth``, each with ``_low`` and ``_high`` (95 %); ``p_changed``, the difference between
+        the probabilities of a rise and of a fall, as an absolute value: 0 where the direction is unknown, 1
+        where it is certain; ``p_nearer``, the probability that after is nearer to the truth than before (ties
+        count half), NaN without a truth. A coefficient is relative to that of the fault (8). An SNR (11)
+        includes the noise of single runs. A rank is by SNR among the detectors of the cell's test-cycle and
+        axis. A scope is the largest standard deviation that the factor may have, in natural units.
     """
     known = {factor.name: factor for factor in factors}
     shared = [key for key in answers["before"].value if key in answers["after"].value]
@@ -348,7 +354,7 @@ def compare_sides(
 
 
 def compare_ranking(answers: Mapping[str, Answers], robot: str) -> pd.DataFrame:
-    """Probability that one detector has the higher SNR, for every pair, test-cycle and axis.
+    """Return the probability that one detector has a higher SNR than another, by pair, test-cycle and axis.
 
     Returns
     -------
@@ -373,6 +379,7 @@ def compare_ranking(answers: Mapping[str, Answers], robot: str) -> pd.DataFrame:
 
 
 def _interval(drawn: Array) -> Array:
+    """Return the 95 % interval (2,) of the finite draws; NaN without any."""
     good = drawn[np.isfinite(drawn)]
     if good.size == 0:
         return np.full(2, np.nan)
@@ -380,7 +387,7 @@ def _interval(drawn: Array) -> Array:
 
 
 def _probability(first: Array | None, second: Array | None) -> float:
-    """Probability that the first is larger; ties count half."""
+    """Return the probability that the first is larger than the second, draw by draw; ties count half."""
     if first is None or second is None:
         return np.nan
     size = min(len(first), len(second))
@@ -390,18 +397,18 @@ def _probability(first: Array | None, second: Array | None) -> float:
 
 
 def _probabilities(before: Array | None, after: Array | None, truth: Array | None) -> tuple[float, float]:
-    """Certainty of the change's direction; probability that after is nearer to the truth."""
+    """Return how sure the direction of change is, and the probability that after is nearer to the truth."""
     up = _probability(after, before)
     changed = abs(2.0 * up - 1.0)
     if before is None or after is None or truth is None:
         return changed, np.nan
     size = min(len(before), len(after), len(truth))
-    # The sides are drawn independently: draws with the same index have nothing in common.
+    # The sides are drawn independently, so any pairing of their draws is valid.
     far, near = (np.abs(side[:size] - truth[:size]) for side in (before, after))
     return changed, _probability(far, near)
 
 
-#: Certainty from which a change, an order or a comparison with the truth is stated.
+#: Probability from which a change, an order or a comparison with the truth counts as sure.
 SURE = 0.95
 
 
@@ -418,11 +425,11 @@ class Reevaluation:
     models : DataFrame
         ``side``, ``drawn``, ``left_out``, ``first_reason``.
     assumed : tuple of str
-        What was carried over to the model after, e.g. ``wear at axis_1``.
+        Dependences that the corrected model took from another robot, e.g. ``wear at axis_1``.
     names : mapping of str to str
-        What factors and detectors are called, e.g. ``temperature`` for ``w3``; by their codes where left out.
+        Names of factors and detectors by code, e.g. ``temperature`` for ``w3``; a missing code names itself.
     bounds : tuple of str
-        Detectors that are told the simulator's law: never the best ones.
+        Detectors that know the simulator's friction law; they are never among the best.
     """
 
     table: pd.DataFrame
@@ -443,21 +450,21 @@ class Reevaluation:
         return bool(np.isfinite(self.table["truth"].to_numpy(dtype=float)).any())
 
     def cells(self) -> Iterator[tuple[str, int, pd.DataFrame]]:
-        """Test-cycle, axis and rows of every place where detectors are compared."""
+        """Yield test-cycle, axis and rows of each group in which detectors are compared."""
         for (cycle, axis), rows in self.table.groupby(["cycle", "axis"], sort=True):
             yield str(cycle), int(axis), rows
 
 
 def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
-    """Which of a detector's SNR, rank and scope surely moved towards or away from the truth, and the verdict.
+    """Judge whether a detector's SNR, rank and scope surely moved towards the truth or away from it.
 
     Returns
     -------
     what : list of str
-        ``SNR``, ``rank``, ``scope``: those that the verdict rests on.
+        Those of ``SNR``, ``rank``, ``scope`` that surely moved.
     verdict : str
-        ``nearer`` or ``farther`` where all of these agree, ``mixed`` where they differ, ``not certain``
-        without any.
+        ``nearer`` or ``farther`` where all of these agree, ``mixed`` where they differ, ``not certain`` where
+        none surely moved.
     """
     signs: dict[str, set[int]] = {}
     for row in rows[rows["question"] != "coefficient"].itertuples():
@@ -470,7 +477,7 @@ def judge_detector(rows: pd.DataFrame) -> tuple[list[str], str]:
 
 
 def settled_orders(one: Reevaluation, side: str) -> set[tuple[str, int, str, str]]:
-    """Test-cycle, axis and two detectors, where the first surely outranks the second."""
+    """Return tuples of test-cycle, axis and two detectors of which the first surely outranks the second."""
     rows = one.ranking[one.ranking[side] >= SURE]
     away = {(row.cycle, row.axis, row.fda) for row in one.table[one.table["withheld"]].itertuples()}
     return {
@@ -481,7 +488,7 @@ def settled_orders(one: Reevaluation, side: str) -> set[tuple[str, int, str, str
 
 
 def best_detectors(one: Reevaluation, side: str) -> dict[tuple[str, int], list[str]]:
-    """Detectors by test-cycle and axis that no other one outranks for sure, best first."""
+    """Return by test-cycle and axis the detectors that no other surely outranks, best first."""
     best = {}
     orders = [order for order in settled_orders(one, side) if order[2] not in one.bounds]
     beaten = {(cycle, axis, over) for cycle, axis, _, over in orders}

@@ -1,8 +1,8 @@
-"""Scope matrices (12) to (16) of a chosen surrogate, whose response along a nuisance is tabulated.
+"""Scope matrices (12) to (16), ROC and tolerance of chosen surrogates, by numerical integration.
 
-Threshold and detection probability (13), (14) at any probability of false alarm, the ROC of every cell, rest
-on responses: a surrogate's test quantity over one factor at a time. Tolerance is the scope in one number: how
-much a nuisance may vary until a fault is no longer detected.
+A chosen surrogate has no closed form, so its response along one nuisance factor is tabulated. From the table
+follow the alarm threshold (13), the detection probability (14) and the ROC of every cell. The tolerance is
+the scope in one number: the largest variation of a nuisance at which a fault is still detected.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,16 +30,19 @@ from wearscope.surrogates.fitting import CELL, Surrogate, cell_name, hold_levels
 
 Array = NDArray[np.float64]
 
-#: Standard normal points on which a nuisance is spread; the grid is fine where P_f' and 1 - P_d' are decided.
+#: Points of the standard normal distribution by which a nuisance is integrated; their spacing resolves the
+#: tails of probability P_f' and 1 - P_d'.
 SPREAD = np.linspace(-4.5, 4.5, 361)
-#: Probability of each of them.
+#: Probability of each of these points.
 WEIGHTS = np.diff(ndtr(np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])))
+#: Number of tabulated levels of a nuisance on each side of its mean; number of fault levels at which response
+#: functions are drawn.
 STEPS = 16
 DRAWN_FAULTS = 11
 
 
 def table_nodes(centre: float = 0.0) -> Array:
-    """Coded levels (2 STEPS + 1,) of the varying nuisance, the denser the nearer to its mean."""
+    """Return the coded levels (2 STEPS + 1,) of the varying nuisance; they are denser near its mean."""
     share = np.linspace(0.0, 1.0, STEPS + 1) ** 1.5
     low, high = centre + (CODED_LOW - centre) * share, centre + (CODED_HIGH - centre) * share
     return np.concatenate([low[:0:-1], high])
@@ -48,13 +51,16 @@ def table_nodes(centre: float = 0.0) -> Array:
 def tabulated_points(
     names: Sequence[str], factor: str, faults: Array, nodes: Array, levels: Mapping[str, float]
 ) -> Array:
-    """Coded points (J W, n): each fault level with each level of the nuisance, all else held."""
+    """Return coded points (J W, n): each fault level with each level of the nuisance, other factors fixed."""
     varied = {FAULT: np.repeat(faults, len(nodes)), factor: np.tile(nodes, len(faults))}
     return hold_levels(names, levels, varied)
 
 
 def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
-    """Left node of each level, and share of the way to the next node; levels are held within `nodes`."""
+    """Return for each level the node to its left and the fraction of the way to the next node.
+
+    Levels outside the range of `nodes` are clipped to it.
+    """
     inside = np.clip(at, nodes[0], nodes[-1])
     left = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, len(nodes) - 2)
     return left, (inside - nodes[left]) / (nodes[left + 1] - nodes[left])
@@ -62,10 +68,10 @@ def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
 
 @numba.njit(cache=True)
 def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, false_alarm: float) -> float:
-    """Smallest value at and above which lies at most the share `false_alarm` of the weights.
+    """Return the smallest threshold for which values at or above it have at most the weight `false_alarm`.
 
-    Within the value where the share is passed it is interpolated; equal values are passed together. `order`
-    holds the places of the values, the largest first.
+    The threshold is interpolated between the two values where the weight is exceeded; equal values are never
+    split. `order` holds the indices of the values, the largest value first.
     """
     above = 0.0
     for place in range(len(order)):
@@ -86,7 +92,7 @@ def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, 
 def _detect_tables(
     values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float, result: Array
 ) -> None:
-    """P_d (S, J) of tabulated responses (1 + J, W): row 0 is H0, the others H1."""
+    """Write P_d (S, J) of tabulated responses (1 + J, W) to `result`: row 0 is H0, the others are H1."""
     count = weights.size
     null = np.empty(count)
     for s in range(left.shape[0]):
@@ -107,15 +113,16 @@ def _detect_tables(
 def tabulated_scope(
     values: Array, nodes: Array, sigmas: Array, false_alarm: float = 0.01, centre: float = 0.0
 ) -> Array:
-    """P_d (14) on the grid from responses tabulated along the nuisance, without sampling error.
+    """Compute P_d (14) on the grid from responses tabulated along the nuisance, without sampling error.
 
     Parameters
     ----------
     values : array (..., 1 + J, W)
-        Row 0 without the change of the fault, then with each change.
+        Responses: row 0 without the change of the fault, the others with each change.
     nodes : array (W,)
-        Coded levels of the nuisance, rising; beyond their ends the response is that at the end.
+        Coded levels of the nuisance, rising; outside their range the response is that at the nearest end.
     sigmas : array (S,)
+        Coded standard deviations of the nuisance.
     false_alarm : float
     centre : float
         Coded mean of the nuisance.
@@ -141,7 +148,7 @@ def tabulated_kde(
     seed: int,
     centre: float = 0.0,
 ) -> Array:
-    """P_d (14) by Monte Carlo and kernel density estimates; see `wearscope.evaluation.scope.kde_scope`."""
+    """Compute P_d (S, J) of eq. (14) by Monte Carlo and kernel density estimates, as `kde_scope` does."""
     result = np.empty((len(sigmas), len(values) - 1))
     for s, sigma in enumerate(sigmas):
         at, weights0, weights1 = draw_runs(seed, s, runs)
@@ -152,24 +159,24 @@ def tabulated_kde(
 
 
 class Tabulated:
-    """Mean response of a surrogate along one nuisance, all else held.
+    """Tabulated mean response of a surrogate along one nuisance, with the other factors fixed.
 
     Parameters
     ----------
     surrogate : ChosenSurrogate
     factor : str
-        The nuisance that varies about its nominal level.
+        Nuisance that varies about its nominal level.
     levels : mapping
         Coded nominal levels.
     deltas : array (J,)
-        Changes of the fault, coded.
+        Coded changes of the fault.
     f0 : float
         Coded fault level of H0.
 
     Attributes
     ----------
     mean : array (1 + J, W)
-        At the coded levels `nodes` (W,) of the nuisance, whose mean is `centre`; row 0 is H0.
+        Mean response at the coded levels `nodes` (W,) of the nuisance, whose mean is `centre`; row 0 is H0.
     """
 
     def __init__(
@@ -186,15 +193,16 @@ class Tabulated:
         self.mean = surrogate.predict(self._points(self.faults)).reshape(len(self.faults), -1)
 
     def _points(self, faults: Array) -> Array:
+        """Return the coded points of the table at some fault levels."""
         return tabulated_points(self.surrogate.names, self.factor, faults, self.nodes, self.levels)
 
     def drawn_passes(
         self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
     ) -> NDArray[np.bool_]:
-        """Which grid cells pass for response functions that the runs allow, shape (draws, S, J).
+        """Return whether grid points pass (draws, S, J), for response functions drawn from the surrogate.
 
-        Their difference to the mean response, which is smooth, is drawn at a few fault levels and
-        interpolated.
+        The difference of a drawn function to the mean response is smooth. So it is drawn at a few fault
+        levels and interpolated between them.
         """
         coarse = np.linspace(self.faults.min(), self.faults.max(), DRAWN_FAULTS)
         z = self._points(coarse)
@@ -219,31 +227,32 @@ def sampled_scope_table(
     seed: int = 0,
     draws: int = 60,
 ) -> pd.DataFrame:
-    """Scope matrices of every cell's chosen surrogate, long form.
+    """Compute the scope matrices of every cell's chosen surrogate, in long form.
 
-    Nuisance levels beyond -2..2 are held at the end of that range, since nothing was simulated beyond it.
+    Nuisance levels are clipped to -2..2, as nothing was simulated outside that range.
 
     Parameters
     ----------
     chosen : iterable of (key, ChosenSurrogate)
     levels : mapping
-        Coded nominal levels, where the nuisances are held and about which the varying one scatters.
+        Coded nominal levels, at which the nuisances are fixed; the varying one scatters about its level.
     factors : sequence of str
     deltas, sigmas : array (J,), (S,)
     f0, methods, false_alarm, detection, runs, seed
         As in `wearscope.evaluation.scope.scope_table`.
     draws : int
-        Response functions for ``confidence``.
+        Number of response functions for ``confidence``.
 
     Returns
     -------
     DataFrame
-        As `wearscope.evaluation.scope.scope_table`, with ``model`` ``chosen``; ``exact`` is by quadrature.
+        As `wearscope.evaluation.scope.scope_table`, with ``model`` ``chosen``; the method ``exact`` is
+        numerical integration.
 
     Raises
     ------
     InputError
-        As there.
+        As `wearscope.evaluation.scope.scope_table`.
     """
     deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
     check_setting(deltas, sigmas, methods, false_alarm, detection, runs)
@@ -278,7 +287,7 @@ def sampled_scope_table(
 
 RESPONSE_STEPS = 33
 
-#: A surrogate by its cell (robot, cycle, axis, fda).
+#: Cells (robot, cycle, axis, fda), each with its surrogate.
 Cells = Iterable[tuple[tuple, ChosenSurrogate | Surrogate]]
 
 
@@ -288,23 +297,22 @@ def response_table(
     levels: Mapping[str, float],
     steps: int = RESPONSE_STEPS,
 ) -> pd.DataFrame:
-    """Response of every cell along each factor, the others held.
+    """Compute the response of every cell along each factor, with the other factors fixed.
 
     Parameters
     ----------
     cells : iterable of (key, surrogate)
     factors : sequence of Factor
     levels : mapping
-        Coded levels at which the others are held.
+        Coded levels at which the other factors are fixed.
     steps : int
-        Levels a factor, evenly over its simulated range.
+        Number of levels of a factor, evenly spaced over its simulated range.
 
     Returns
     -------
     DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, and ``low``,
-        ``high``, which hold the value of a new run with a probability of 95 % (NaN without residual degrees
-        of freedom).
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``coded``, ``natural``, ``y``, and the 95 %
+        prediction interval ``low``, ``high`` of a new run (NaN without residual degrees of freedom).
     """
     line = np.linspace(CODED_LOW, CODED_HIGH, steps)
     parts = []
@@ -320,7 +328,7 @@ def response_table(
 def simulated_table(
     cells: Cells, test_quantities: pd.DataFrame, factors: Sequence[Factor], levels: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Simulated runs of every cell along each factor, with and without the influence of other factors.
+    """Return every cell's simulated runs along each factor, with and without the other factors' influence.
 
     Parameters
     ----------
@@ -328,14 +336,13 @@ def simulated_table(
     test_quantities : DataFrame
     factors : sequence of Factor
     levels : mapping
-        Coded levels of the other factors after their influence is removed.
+        Coded levels to which the other factors are moved.
 
     Returns
     -------
     DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``set``, ``point``, ``natural``, ``y``,
-        ``y_held``: y less what the surrogate gives to the other factors' distance from `levels`. Failed runs
-        are left out.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``set``, ``point``, ``natural``, ``y``, and
+        ``y_held``: y after the surrogate has moved the other factors to `levels`. Failed runs are left out.
     """
     runs = dict(iter(test_quantities.dropna(subset=["y"]).groupby(CELL, sort=True, observed=True)))
     parts = []
@@ -361,20 +368,24 @@ def simulated_table(
 
 
 def _join(parts: Sequence[tuple[Sequence[object], Mapping[str, np.ndarray]]]) -> pd.DataFrame:
-    """One table of parts, each with its cell and factor; by column: a frame for each part takes seconds."""
+    """Join parts, each with its cell and factor, to one table.
+
+    They are joined column by column, as making a frame for each part takes seconds.
+    """
     keys = pd.DataFrame([key for key, _ in parts], columns=[*CELL, "factor"])
     counts = [len(next(iter(own.values()))) for _, own in parts]
     columns = {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
     return keys.loc[keys.index.repeat(counts)].reset_index(drop=True).assign(**columns)
 
 
+#: Probabilities of false alarm at which the ROC is tabulated.
 FALSE_ALARMS = (
     0.0005, 0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5,
 )  # fmt: skip
 
 
 def pick_levels(grid: Array, most: int) -> Array:
-    """At most `most` values of a grid, evenly spread over it, the last value among them."""
+    """Pick at most `most` values of a grid, evenly spread over it and including the last value."""
     place = np.unique(np.linspace(0, len(grid) - 1, most + 1).round().astype(int)[1:])
     return np.asarray(grid, dtype=float)[place]
 
@@ -388,19 +399,19 @@ def detection_table(
     f0: float = -2.0,
     false_alarms: Sequence[float] = FALSE_ALARMS,
 ) -> pd.DataFrame:
-    """ROC of every cell: threshold and P_d at several P_f, changes of the fault and variations of a factor.
+    """Compute the ROC of every cell: threshold and P_d at several P_f, changes of the fault and variations.
 
     Parameters
     ----------
     cells : iterable of (key, surrogate)
     levels : mapping
-        Coded nominal levels, where the nuisances are held.
+        Coded nominal levels, at which the nuisances are fixed.
     factors : sequence of str
         Nuisances that vary, one at a time.
     deltas : array (J,)
-        Changes of the fault, coded.
+        Coded changes of the fault.
     sigmas : array (S,)
-        Standard deviations of the factor that varies, coded.
+        Coded standard deviations of the factor that varies.
     f0 : float
         Coded fault level of H0.
     false_alarms : sequence of float
@@ -409,7 +420,7 @@ def detection_table(
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``factor``, ``sigma``, ``delta``, ``p_f``, ``threshold``,
-        ``p_d``. A detector that always says the same has no threshold (NaN) and detects nothing.
+        ``p_d``. A detector with a constant test quantity has no threshold (NaN) and a ``p_d`` of 0.
     """
     wanted = np.asarray(sorted(set(false_alarms)), dtype=float)
     deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
@@ -439,7 +450,7 @@ def _detect(
     sigmas: Array,
     wanted: Array,
 ) -> tuple[Array, Array]:
-    """Thresholds (S, P) and P_d (S, J, P)."""
+    """Return thresholds (S, P) and P_d (S, J, P) at the wanted probabilities of false alarm (P,)."""
     if surrogate.status == "constant":
         empty = np.full((len(sigmas), len(wanted)), np.nan)
         return empty, np.zeros((len(sigmas), len(deltas), len(wanted)))
@@ -451,6 +462,7 @@ def _detect(
 
 
 def _detect_tabulated(table: Tabulated, sigmas: Array, wanted: Array) -> tuple[Array, Array]:
+    """Return thresholds (S, P) and P_d (S, J, P) of a tabulated response."""
     mean = table.mean
     h = np.empty((len(sigmas), len(wanted)))
     p_d = np.empty((len(sigmas), len(mean) - 1, len(wanted)))
@@ -465,7 +477,7 @@ def _detect_tabulated(table: Tabulated, sigmas: Array, wanted: Array) -> tuple[A
 
 
 def largest_passing(passes: NDArray[np.bool_], sigmas: Array) -> Array:
-    """Largest sigma up to which all sigmas pass, shape (...) from passes (..., S); 0 if the first fails."""
+    """Return the largest sigma (...) up to which all sigmas pass (..., S); 0 where the first one fails."""
     reached = np.where(passes.all(axis=-1), passes.shape[-1], np.argmin(passes, axis=-1))
     return np.concatenate([[0.0], sigmas])[reached]
 
@@ -482,27 +494,28 @@ def sampled_tolerance(
     false_alarm: float = 0.01,
     detection: float = 0.99,
 ) -> tuple[Array, Array]:
-    """Largest standard deviation of a nuisance that a cell bears, coded.
+    """Find the largest coded standard deviation of a nuisance that a cell tolerates.
 
     Parameters
     ----------
     surrogate : ChosenSurrogate
     factor : str
-        The nuisance that varies about its nominal level; the others are held.
+        Nuisance that varies about its nominal level; the others are fixed.
     levels : mapping
         Coded nominal levels.
     deltas, sigmas : array (J,), (S,)
     rng : numpy.random.Generator
     draws : int
-        Response functions.
+        Number of response functions that are drawn.
     f0, false_alarm, detection : float
         As in `wearscope.evaluation.scope.scope_table`.
 
     Returns
     -------
     value : array (J,)
-        Of the mean response; at most the last sigma.
+        Tolerance by the mean response; at most the last sigma.
     drawn : array (draws, J)
+        Tolerance by each drawn response function.
     """
     if surrogate.status == "constant":
         return np.zeros(len(deltas)), np.zeros((draws, len(deltas)))

@@ -1,7 +1,8 @@
-"""Where a detector works (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and their groups.
+"""Scope of detectors (Q-3): scope matrices (12) to (16), exactly and by Monte Carlo, and counts over groups.
 
-With w = s x, x standard normal, y = a + b w + c w^2 is A + B x + C x^2, and P(y >= h) is a difference of
-two normal distribution functions at the roots of A + B x + C x^2 = h.
+A quadratic surrogate gives y = a + b w + c w^2 along a nuisance w = sigma x with x standard normal, which is
+A + B x + C x^2. So P(y >= h) follows exactly from normal distribution functions at the roots of
+A + B x + C x^2 = h.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,20 +28,21 @@ from wearscope.surrogates.fitting import (
 
 METHODS = ("exact", "kde")
 Array = NDArray[np.float64]
-#: A grid cell is sure where it passes for at least this share of a surrogate's draws.
+#: A grid point is sure where it passes for at least this share of the draws of a surrogate.
 SURE = 0.95
+#: Columns of counts; all other columns are keys.
 COUNTS = ("cells", "passes", "known", "sure", "differ")
 _GRID = ["factor", "method", "delta", "sigma"]
 
 
 def choose_method(scope: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the exact method, or of the other method where the study did not ask for the exact one."""
+    """Return the rows of the exact method; those of the other method where the table has no exact rows."""
     exact = scope["method"] == "exact"
     return scope[exact] if exact.any() else scope
 
 
 def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
-    """Counts of the cells of each group at each point of the grid.
+    """Count the cells of each group at each grid point.
 
     Parameters
     ----------
@@ -52,9 +54,10 @@ def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
     Returns
     -------
     DataFrame
-        The group columns, ``factor``, ``method``, ``delta``, ``sigma``, sorted, then numbers of ``cells``, of
-        those that pass (``passes``), whose confidence is known (``known``) and at least `SURE` (``sure``),
-        and, on the rows of the exact method, whose verdict by the other method differs (``differ``).
+        The group columns, ``factor``, ``method``, ``delta``, ``sigma``, sorted; then the number of all
+        ``cells``, of those that pass (``passes``), of those whose confidence is known (``known``), of those
+        with a confidence of at least `SURE` (``sure``), and, in rows of the exact method, of those for which
+        the other method's verdict differs (``differ``).
     """
     differ = np.zeros(len(scope), dtype=np.int64)
     rows = scope
@@ -74,12 +77,12 @@ def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
 
 
 def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Sum of the counts of parts with different cells; memory holds one part and the sum at a time.
+    """Add the counts of parts with different cells; only one part and the sum are in memory at a time.
 
     Parameters
     ----------
     parts : iterable of DataFrame
-        From `count_scope`, or from `group_scope`, by the same groups.
+        From `count_scope` or `group_scope`, with the same groups.
     """
     total: pd.DataFrame | None = None
     for part in parts:
@@ -90,14 +93,14 @@ def add_counts(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Array, Array, Array]:
-    """Number of passing cells on the grid.
+    """Arrange the number of passing cells as a matrix on the grid.
 
     Parameters
     ----------
     rows : DataFrame
-        One method's rows, of cells or of counts.
+        Rows of one method, of cells or of counts.
     passing : array (N,)
-        Whether a row's cell passes, or how many of its cells do.
+        For each row, whether its cell passes, or the number of its cells that pass.
 
     Returns
     -------
@@ -109,18 +112,20 @@ def count_matrix(rows: pd.DataFrame, passing: object) -> tuple[Array, Array, Arr
 
 
 def _add(table: pd.DataFrame) -> pd.DataFrame:
+    """Add the counts of rows with equal keys."""
     counts = [name for name in table.columns if name in COUNTS]
     keys = [name for name in table.columns if name not in COUNTS]
     return table.groupby(keys, sort=True, observed=True)[counts].sum().reset_index()
 
 
+#: Range of a standard normal variable that is searched for a threshold, -9 to 9.
 _REACH = 9.0
-#: Brackets that have shrunk to one rounding unit are dropped once fewer than this share still shrink.
+#: The bisection drops its finished brackets once fewer than this share of them still shrink.
 _CROWDED = 0.9
 
 
 def standardise(coefficients: ArrayLike, sigma: ArrayLike) -> Array:
-    """Coefficients in x of y = a + b w + c w^2, w = sigma x.
+    """Return the coefficients in x of y = a + b w + c w^2 with w = sigma x.
 
     Parameters
     ----------
@@ -140,9 +145,9 @@ def standardise(coefficients: ArrayLike, sigma: ArrayLike) -> Array:
 
 
 def tail_probability(quadratic: ArrayLike, h: ArrayLike) -> Array:
-    """P(A + B x + C x^2 >= h) for standard normal x.
+    """Return P(A + B x + C x^2 >= h) for standard normal x.
 
-    The roots are taken in the form that does not cancel, so C may be zero or tiny.
+    The roots are computed in the form without cancellation, so that C may be zero or tiny.
 
     Parameters
     ----------
@@ -176,16 +181,16 @@ def tail_probability(quadratic: ArrayLike, h: ArrayLike) -> Array:
 
 
 def spread(quadratic: ArrayLike) -> Array:
-    """Standard deviation sqrt(B^2 + 2 C^2), shape (...,)."""
+    """Return the standard deviation sqrt(B^2 + 2 C^2) of y, shape (...,)."""
     quadratic = np.asarray(quadratic, dtype=float)
     return np.hypot(quadratic[..., 1], np.sqrt(2.0) * quadratic[..., 2])
 
 
 def threshold(quadratic: ArrayLike, probability: ArrayLike) -> Array:
-    """Smallest h with P(y >= h) <= `probability`, by bisection on the exact distribution.
+    """Find the smallest h with P(y >= h) <= `probability` by bisection on the exact distribution.
 
-    The bracket is the range of y over |x| <= 9; it is halved until it is one rounding unit wide, and its
-    upper end is returned.
+    The bracket is the range of y over |x| <= 9. It is halved until no floating-point number lies between its
+    ends; the upper end is returned.
 
     Parameters
     ----------
@@ -210,13 +215,13 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike) -> Array:
     asked = np.broadcast_to(shifted, (*shape, 3)).reshape(-1, 3)
     wanted, low, high = (np.broadcast_to(one, shape).ravel() for one in (wanted, low, high))
     found, where = high.copy(), np.arange(high.size)
-    for _ in range(200):  # next to 0, numbers go on for longer
+    for _ in range(200):  # more steps than a bracket next to 0 needs
         middle = 0.5 * (low + high)
         shrinks = (middle > low) & (middle < high)
         left = np.count_nonzero(shrinks)
         if left == 0:
             break
-        if left < _CROWDED * len(where):  # some need half as many steps as others
+        if left < _CROWDED * len(where):  # some brackets need only half as many steps as others
             found[where] = high
             where, asked, wanted = where[shrinks], asked[shrinks], wanted[shrinks]
             low, high, middle = low[shrinks], high[shrinks], middle[shrinks]
@@ -229,25 +234,25 @@ def threshold(quadratic: ArrayLike, probability: ArrayLike) -> Array:
 
 
 def detection_probability(null: ArrayLike, alternative: ArrayLike, false_alarm: float = 0.01) -> Array:
-    """P_d (14) at the threshold that P_f' sets, exactly.
+    """Return P_d (14), exactly, at the threshold that the probability of false alarm P_f' requires.
 
     Parameters
     ----------
     null, alternative : array (..., 3)
-        A, B, C under H0 and H1, of shapes that broadcast.
+        A, B, C under H0 and H1; the shapes must broadcast.
     false_alarm : float
         P_f'.
 
     Returns
     -------
     array (...,)
-        Where y does not vary under H0, the threshold lies just above that value, and P_d = P(y > it).
+        Where y is constant under H0, the threshold lies just above that constant.
     """
     return tail_probability(alternative, alarm_threshold(null, false_alarm))
 
 
 def alarm_threshold(null: ArrayLike, false_alarm: ArrayLike) -> Array:
-    """Threshold (...,) that a false-alarm rate sets; just above y where y does not vary under H0 (..., 3)."""
+    """Return the threshold (...,) for a probability of false alarm; just above y where it is constant."""
     null = np.asarray(null, dtype=float)
     scale = 1e-12 * np.maximum(np.abs(null).max(axis=-1), np.finfo(float).tiny)
     return np.where(spread(null) <= scale, null[..., 0] + scale, threshold(null, false_alarm))
@@ -256,7 +261,10 @@ def alarm_threshold(null: ArrayLike, false_alarm: ArrayLike) -> Array:
 def along_operator(
     surrogate: Surrogate, factor: str, levels: Mapping[str, float], faults: ArrayLike
 ) -> Array:
-    """Matrices (J, p, 3) that turn coefficients into a, b, c of `Surrogate.along` at fault levels (J,)."""
+    """Return matrices (J, p, 3) that map a surrogate's coefficients to a, b, c along a factor.
+
+    a, b, c are those of `Surrogate.along`, at the fault levels (J,).
+    """
     names = surrogate.names
     k = names.index(factor)
     z = hold_levels(names, {**levels, factor: 0.0}, {FAULT: np.atleast_1d(faults)})
@@ -278,27 +286,27 @@ def pass_confidence(
     false_alarm: float = 0.01,
     detection: float = 0.99,
 ) -> Array:
-    """Share of coefficient draws for which a grid cell meets (12), by the exact method.
+    """Return the share of coefficient draws for which a grid point meets (12), by the exact method.
 
     Parameters
     ----------
     surrogate : Surrogate
     factor : str
-        The nuisance that varies.
+        Nuisance that varies.
     deltas, sigmas : array (J,), (S,)
     levels : mapping
         Coded levels of the other nuisances.
     rng : numpy.random.Generator
     draws : int
-        Coefficient vectors, see `Surrogate.draw_coefficients`; the share has a standard error of at most
-        0.5 / sqrt(draws).
+        Number of coefficient vectors, see `Surrogate.draw_coefficients`; the share has a standard error of at
+        most 0.5 / sqrt(draws).
     f0, false_alarm, detection : float
         As in `wearscope.evaluation.scope.scope_table`.
 
     Returns
     -------
     array (S, J)
-        0 for a constant detector; NaN without residual degrees of freedom or draws.
+        0 for a constant test quantity; NaN without residual degrees of freedom or draws.
     """
     shape = (len(sigmas), len(deltas))
     if surrogate.status == "constant":
@@ -315,7 +323,7 @@ def pass_confidence(
 
 
 def paper_grid() -> tuple[np.ndarray, np.ndarray]:
-    """Linear grid (16) of the paper: Delta in [0, 4], sigma in [0.01, 1], coded."""
+    """Return the linear grid (16) of the paper, coded: Delta from 0 to 4, sigma from 0.01 to 1."""
     return np.linspace(0.0, 4.0, 30), np.linspace(0.01, 1.0, 30)
 
 
@@ -327,18 +335,18 @@ def scope_quadratics(
     f0: float = -2.0,
     levels: Mapping[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients A, B, C of y in a standard normal under the hypotheses (15).
+    """Return the coefficients A, B, C of y = A + B x + C x^2 under the hypotheses (15), x standard normal.
 
     Parameters
     ----------
     surrogate : Surrogate
     factor : str
-        The nuisance that varies, w ~ N(0, sigma^2).
+        Nuisance that varies, w ~ N(0, sigma^2).
     deltas : array (J,)
     sigmas : array (S,)
     f0 : float
     levels : mapping, optional
-        Coded levels of the other factors; default the nominal point (18).
+        Coded levels of the other factors; by default the nominal point (18).
 
     Returns
     -------
@@ -355,7 +363,7 @@ def scope_quadratics(
 
 
 def exact_scope(null: np.ndarray, alternatives: np.ndarray, false_alarm: float = 0.01) -> np.ndarray:
-    """P_d (14) on the grid in closed form; shapes (..., S, 3), (..., S, J, 3) to (..., S, J)."""
+    """Return exact P_d (..., S, J) of eq. (14) on the grid from A, B, C (..., S, 3) and (..., S, J, 3)."""
     return detection_probability(null[..., None, :], alternatives, false_alarm)
 
 
@@ -366,7 +374,7 @@ def kde_scope(
     runs: int = 100_000,
     seed: int = 0,
 ) -> np.ndarray:
-    """P_d (14) on the grid by Monte Carlo and kernel density estimates.
+    """Compute P_d (14) on the grid by Monte Carlo and kernel density estimates.
 
     Parameters
     ----------
@@ -374,8 +382,8 @@ def kde_scope(
     alternatives : array (S, J, 3)
     false_alarm : float
     runs : int
-        Draws for each sigma and hypothesis; all fault changes at one sigma share those of H1, and all cells
-        and factors the same runs.
+        Number of draws for each sigma and hypothesis. All fault changes at one sigma share the draws of H1,
+        and all cells and factors share all draws.
     seed : int
 
     Returns
@@ -409,38 +417,39 @@ def scope_table(
     seed: int = 0,
     draws: int = 200,
 ) -> pd.DataFrame:
-    """Scope matrices of every cell, long form.
+    """Compute the scope matrices of every cell, in long form.
 
-    Rows of a subset of the cells are those of the whole, so a study may be cut anywhere.
+    The rows of a cell do not depend on the other cells, so that a study can be computed in parts.
 
     Parameters
     ----------
     surrogates : DataFrame
         From `wearscope.surrogates.fitting.fit_surrogates`.
     factors : sequence of str
-        Nuisances to vary, one at a time.
+        Nuisances that vary, one at a time.
     model : str
     methods : sequence of {"exact", "kde"}
     deltas, sigmas : sequence of float, optional
-        Grid (16), coded; default `paper_grid`.
+        Coded grid (16); by default `paper_grid`.
     f0 : float
         Coded fault level of H0.
     levels : mapping, optional
-        Coded levels at which the other nuisances are held; default the nominal point (18).
+        Coded levels at which the other nuisances are fixed; by default the nominal point (18).
     false_alarm, detection : float
         P_f', P_d'.
     runs, seed
         See `kde_scope`.
     draws : int
-        Coefficient draws for ``confidence``; 0 for none.
+        Number of coefficient draws for ``confidence``; 0 for none.
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``, ``p_d``,
-        ``passes``, ``method``, ``status``: ``ok``; ``constant`` (never passes); ``decreasing``: theta_0 < 0,
-        judged by rule (13) as it stands, never with its sign turned. ``confidence`` (method exact, else
-        NaN): share of coefficient draws for which the grid cell passes.
+        ``passes``, ``method``, ``status``, ``confidence``. The status is ``ok``, ``constant`` (never passes)
+        or ``decreasing``: theta_0 < 0, so that the test quantity falls with wear; it is still judged by rule
+        (13), without reversing its sign. The confidence (NaN for kde) is the share of coefficient draws for
+        which the grid point passes.
 
     Raises
     ------
@@ -480,7 +489,7 @@ def check_setting(
     p_d: float,
     runs: int,
 ) -> None:
-    """Refuse a grid, methods or probabilities that no scope can be computed with, by InputError."""
+    """Raise InputError where grid, methods or probabilities do not allow a scope to be computed."""
     if deltas.size == 0 or sigmas.size == 0 or not np.all(sigmas > 0):
         raise InputError(
             "scope: the grid is empty or has a sigma that is not positive; correct deltas or sigmas."
@@ -495,7 +504,7 @@ def check_setting(
 
 
 def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
-    """Long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
+    """Return a table in long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
     size = deltas.size * sigmas.size
     keys, factors, methods, statuses, p_d, confidence = zip(*blocks, strict=True)
     found = np.concatenate([one.ravel() for one in p_d])
@@ -515,7 +524,7 @@ def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: 
 
 
 def group_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:
-    """Group scope matrices: how often the requirement is met (Fig. 4), long form.
+    """Count in each group how often the requirement is met (Fig. 4), in long form.
 
     Parameters
     ----------

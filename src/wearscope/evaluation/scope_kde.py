@@ -1,9 +1,9 @@
 """Detection probabilities by Monte Carlo and a Gaussian kernel density estimate, as in the paper.
 
-The runs of one sigma and hypothesis are drawn once, for all cells and factors (common random numbers): what
-differs between detectors is not their luck. They are binned linearly in x, the standard normal that drives
-the nuisance, so that each bin is one weighted run; the tail of the kernel density estimate of the weighted
-runs is then a sum of normal tails, without a grid in y.
+The runs of one sigma and hypothesis are drawn once for all cells and factors (common random numbers), so that
+detectors do not differ by chance. A run is a value x of the standard normal variable that drives the
+nuisance. The runs are binned linearly in x, and each bin counts as one weighted run. The tail of the kernel
+density estimate is then a sum of normal tails, without a grid in y.
 """
 
 import math
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from wearscope.designs.kinds import generator_for
 
 Array = NDArray[np.float64]
-NODES = 2048
+NODES = 2048  # number of bins
 
 
 @numba.njit(cache=True)
 def _bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
-    """Weights (nodes,) of runs binned linearly onto low + k step; they sum to 1."""
+    """Return the weights (nodes,) of runs that are binned linearly onto low + k step; they add up to 1."""
     weights = np.zeros(nodes)
     for value in x:
         place = (value - low) / step
@@ -38,7 +38,7 @@ def _bin_runs(x: Array, nodes: int, low: float, step: float) -> Array:
 
 
 def bin_runs(runs0: Array, runs1: Array) -> tuple[Array, Array, Array]:
-    """Nodes (M,) and the weights there of standard normal runs of H0 and of H1."""
+    """Return nodes (M,), and the weights (M,) at these nodes of standard normal runs of H0 and of H1."""
     low = min(runs0.min(), runs1.min())
     step = (max(runs0.max(), runs1.max()) - low) / (NODES - 1)
     weights0, weights1 = (_bin_runs(runs, NODES, low, step) for runs in (runs0, runs1))
@@ -47,14 +47,14 @@ def bin_runs(runs0: Array, runs1: Array) -> tuple[Array, Array, Array]:
 
 @lru_cache(maxsize=256)
 def draw_runs(seed: int, row: int, runs: int) -> tuple[Array, Array, Array]:
-    """Runs of one row of the grid as `bin_runs` has them."""
+    """Draw the runs of one row of the grid, binned as `bin_runs` does."""
     rng = generator_for(seed, "scope", row)
     return bin_runs(rng.standard_normal(runs), rng.standard_normal(runs))
 
 
 @numba.njit(cache=True)
 def _tail(y: Array, weights: Array, bandwidth: float, h: float, enough: float) -> float:
-    """Tail above h of the kernel density estimate of weighted runs; the sum stops above `enough`."""
+    """Return the tail above h of the kernel density estimate of weighted runs; it stops beyond `enough`."""
     total = 0.0
     for k in range(y.size):
         if total > enough:
@@ -69,6 +69,7 @@ def _tail(y: Array, weights: Array, bandwidth: float, h: float, enough: float) -
 
 @numba.njit(cache=True)
 def _deviation(y: Array, weights: Array) -> float:
+    """Return the standard deviation of weighted values."""
     mean = 0.0
     for k in range(y.size):
         mean += weights[k] * y[k]
@@ -80,7 +81,7 @@ def _deviation(y: Array, weights: Array) -> float:
 
 @numba.njit(cache=True)
 def _threshold(y: Array, weights: Array, bandwidth: float, probability: float) -> float:
-    """Smallest h with a tail of at most `probability`, by bisection."""
+    """Find the smallest h with a tail of at most `probability` by bisection."""
     low = y.min() - 9.0 * bandwidth
     high = y.max() + 9.0 * bandwidth
     for _ in range(60):
@@ -105,9 +106,10 @@ def _detect(
     scale: float,
     result: Array,
 ) -> None:
-    """P_d (J,) of responses at binned runs: H0 (M,), each H1 (J, M).
+    """Write P_d (J,) to `result`, from responses at binned runs under H0 (M,) and under each H1 (J, M).
 
-    `factor` is the bandwidth over the deviation; a response that scatters by no more than `scale` is fixed.
+    `factor` is the bandwidth over the standard deviation. A response whose standard deviation is at most
+    `scale` counts as constant.
     """
     deviation = _deviation(null, weights0)
     if deviation <= scale:
@@ -124,7 +126,7 @@ def _detect(
 
 
 def bandwidth_factor(runs: int) -> float:
-    """Silverman's bandwidth over the sample's standard deviation, the optimum for a normal density."""
+    """Return Silverman's bandwidth over the standard deviation, which is optimal for a normal density."""
     return (4.0 / 3.0) ** 0.2 * runs ** (-0.2)
 
 
@@ -136,7 +138,7 @@ def detection_probabilities(
     runs: int,
     false_alarm: float = 0.01,
 ) -> Array:
-    """P_d (14) at the threshold that P_f' sets, from kernel density estimates of Monte Carlo runs.
+    """Compute P_d (14) at the threshold for P_f' from kernel density estimates of Monte Carlo runs.
 
     Parameters
     ----------
@@ -146,14 +148,14 @@ def detection_probabilities(
         The same under H1, for each fault change.
     weights0, weights1 : array (M,)
     runs : int
-        How many were binned.
+        Number of runs that were binned.
     false_alarm : float
         P_f'.
 
     Returns
     -------
     array (J,)
-        Where the response scatters by no more than rounding, it is taken as fixed.
+        P_d for each fault change. A response whose variation is only rounding counts as constant.
     """
     result = np.empty(len(alternatives))
     scale = 1e-12 * float(np.abs(null).max())

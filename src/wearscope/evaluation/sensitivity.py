@@ -1,4 +1,4 @@
-"""Which factors matter (Q-1): normalised coefficients (8), grouped (9)."""
+"""Sensitivity of test quantities to factors (Q-1): normalised coefficients (8), grouped (9)."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,7 +11,7 @@ from wearscope.surrogates.fitting import CELL
 
 
 def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Rows of a table, without each robot's rows about factors that were dropped for that robot.
+    """Remove each robot's rows about factors that the screening dropped for that robot.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.D
     screening : DataFrame
         ``robot``, ``factor``, ``dropped``.
     column : str
-        Holds a factor, or a term of factors (``w3``, ``f:w3``, ``w3^2``).
+        Column that holds a factor, or a term of factors (``w3``, ``f:w3``, ``w3^2``).
     """
     dropped = {(row.robot, row.factor) for row in screening[screening["dropped"]].itertuples()}
     if not dropped:
@@ -35,7 +35,7 @@ def drop_idle(table: pd.DataFrame, screening: pd.DataFrame, column: str) -> pd.D
 def group_matrices(
     surrogates: pd.DataFrame, model: str = "simplified", by: Sequence[str] = ("fda",)
 ) -> dict[tuple, pd.DataFrame]:
-    """Matrices B^k of normalised coefficients, eq. (9).
+    """Return the matrices B^k of normalised coefficients, eq. (9).
 
     Parameters
     ----------
@@ -48,8 +48,9 @@ def group_matrices(
     Returns
     -------
     dict
-        By group key, a frame (N_k, n_theta - 1): one row a cell (index: the other design parameters), one
-        column a term without the bias. Rows without a direct effect of the fault are NaN.
+        Frame (N_k, n_theta - 1) by group key. It has one row for each cell, with the other design parameters
+        as index, and one column for each term but the constant. A row is NaN where the fault has no direct
+        effect.
 
     Raises
     ------
@@ -74,23 +75,22 @@ def sensitivity_of(
     model: str = "simplified",
     by: Sequence[str] = ("fda",),
 ) -> pd.DataFrame:
-    """Box-plot statistics of every column of every group matrix (Fig. 2), and how often a term outweighs f.
+    """Compute box-plot statistics of every term in every group (Fig. 2), and how often a term outweighs f.
 
     Parameters
     ----------
     parts : iterable of DataFrame
-        Of the table from `wearscope.surrogates.fitting.fit_surrogates`, each of other cells; of those gone
-        through only the normalised coefficients are kept.
+        Parts of the table from `wearscope.surrogates.fitting.fit_surrogates`, each with other cells. Only
+        their normalised coefficients stay in memory.
     model : str
     by : sequence of str
 
     Returns
     -------
     DataFrame
-        ``model``, the group columns, ``term``, the columns of
-        `wearscope.evaluation.grouping.box_statistics`, ``n_relevant``, ``share_relevant``, ``share_low``,
-        ``share_high`` (of the cells with a normalised coefficient, beyond +-1; 95 % after Wilson),
-        ``median_absolute``.
+        ``model``, the group columns, ``term``, the columns of `wearscope.evaluation.grouping.box_statistics`,
+        ``n_relevant``, ``share_relevant``, ``share_low``, ``share_high`` (number and share of the cells whose
+        coefficient lies outside -1..1, with the 95 % Wilson interval of the share), ``median_absolute``.
     """
     terms: dict[str, None] = {}
     columns: dict[tuple, list[dict[str, np.ndarray]]] = {}
@@ -103,7 +103,7 @@ def sensitivity_of(
     records = []
     for key in sorted(columns):
         for term in terms:
-            # A term that was dropped from a part's robots is missing there, not zero.
+            # A term that was dropped for the robots of a part is NaN there, not zero.
             values = np.concatenate(
                 [one.get(term, np.full(len(next(iter(one.values()))), np.nan)) for one in columns[key]]
             )

@@ -1,7 +1,8 @@
-"""Comparing detectors (Q-2): the signal-to-noise ratio (11) under (20), by Monte Carlo and exactly.
+"""Signal-to-noise ratio of detectors (Q-2): eq. (11) with the settings (20).
 
-A chosen surrogate has no closed moments: its SNR is by quadrature, by draws and by Monte Carlo. The same
-question is asked of the simulator itself, also where the robot differs from its model.
+For a quadratic surrogate it is computed exactly and by Monte Carlo. A chosen surrogate has no closed form, so
+that its SNR comes from numerical integration, draws and Monte Carlo. The SNR is also found by direct
+simulation, including robots that differ from their model.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,12 +27,13 @@ from wearscope.surrogates.fitting import (
 )
 
 Array = NDArray[np.float64]
-#: A robot's model is free of noise where the noise of a run is less than this share of the size of y.
+#: A robot's model counts as free of noise where the noise of a run is at most this share of the magnitude of
+#: y.
 NOISE_FREE = 1e-12
 
 
 def quadratic_moments(c: ArrayLike, g: ArrayLike, a: ArrayLike, sigma: float) -> tuple[Array, Array]:
-    """Mean and standard deviation of y = c + g'w + w'Aw for w ~ N(0, sigma^2 I).
+    """Return mean and standard deviation of y = c + g'w + w'Aw for w ~ N(0, sigma^2 I).
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ def quadratic_moments(c: ArrayLike, g: ArrayLike, a: ArrayLike, sigma: float) ->
 
 
 def ratio(change: ArrayLike, deviation: ArrayLike) -> Array:
-    """Change over deviation; NaN for 0/0, signed infinity for a change without deviation."""
+    """Return change over deviation; NaN for 0/0, and signed infinity where only the deviation is 0."""
     change, deviation = np.broadcast_arrays(np.asarray(change, float), np.asarray(deviation, float))
     result = np.full(change.shape, np.nan)
     np.divide(change, deviation, out=result, where=deviation > 0)
@@ -65,15 +67,15 @@ def ratio(change: ArrayLike, deviation: ArrayLike) -> Array:
 def exact_snr(
     theta: ArrayLike, terms: tuple[str, ...], f0: float = -0.5, delta: float = 1.0, sigma: float = 0.25
 ) -> Array:
-    """SNR (11) from the moments of a quadratic form in Gaussian nuisances.
+    """Return the exact SNR (11), from the moments of a quadratic form in Gaussian nuisances.
 
     Parameters
     ----------
     theta : array (..., p)
-        Coefficients, any number of vectors.
+        Coefficient vectors.
     terms : tuple of str, (p,)
     f0, delta, sigma : float
-        The hypotheses (10) as set in (20), coded.
+        Settings (20) of the hypotheses (10), coded.
 
     Returns
     -------
@@ -87,13 +89,13 @@ def exact_snr(
 def sample_hypotheses(
     surrogate: Surrogate, rng: np.random.Generator, runs: int, f0: float, delta: float, sigma: float
 ) -> tuple[Array, Array]:
-    """Outputs (runs,) of a surrogate under each hypothesis."""
+    """Draw outputs (runs,) of a surrogate under each of the two hypotheses."""
     first = sample_output(surrogate, rng, runs, f0, sigma)
     return first, sample_output(surrogate, rng, runs, f0 + delta, sigma)
 
 
 def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
-    """SNR (11) of runs (N,) under each hypothesis, and its Monte Carlo standard error."""
+    """Return the SNR (11) of runs (N,) under each hypothesis, and its Monte Carlo standard error."""
     runs = len(y1)
     centred = y1 - y1.mean()
     m2, m3, m4 = (float(np.mean(centred**k)) for k in (2, 3, 4))
@@ -110,7 +112,7 @@ def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
 
 
 def sample_output(surrogate: Surrogate, rng: np.random.Generator, runs: int, f: float, sigma: float) -> Array:
-    """Outputs (runs,) of a surrogate at a fault level under nuisances w ~ N(0, sigma^2 I)."""
+    """Draw outputs (runs,) of a surrogate at a fault level with nuisances w ~ N(0, sigma^2 I)."""
     c, g, a = surrogate.at_fault(f)
     w = rng.standard_normal((runs, g.size))
     w *= sigma
@@ -129,9 +131,10 @@ def parametric_interval(
     delta: float = 1.0,
     sigma: float = 0.25,
 ) -> tuple[float, float]:
-    """Interval of the exact SNR that the uncertainty of the coefficients allows.
+    """Return the interval of the exact SNR that follows from the uncertainty of the coefficients.
 
-    Coefficients are drawn by `Surrogate.draw_coefficients`; NaN without residual degrees of freedom.
+    Coefficients are drawn by `Surrogate.draw_coefficients`. The interval is NaN for a constant surrogate or
+    without residual degrees of freedom.
     """
     if surrogate.status == "constant" or surrogate.dof < 1:
         return float("nan"), float("nan")
@@ -148,7 +151,7 @@ def describe_snr(
     exact: float = np.nan,
     interval: tuple[float, float] = (np.nan, np.nan),
 ) -> dict[str, object]:
-    """Row of ``snr.parquet``.
+    """Return a row of ``snr.parquet``.
 
     Parameters
     ----------
@@ -156,10 +159,11 @@ def describe_snr(
         Cell.
     model, status : str
     runs : pair of array (N,), optional
-        Monte Carlo runs under each hypothesis; NaN where there is no SNR.
+        Monte Carlo runs under each hypothesis; without them the row's SNR is NaN.
     exact : float
+        Exact SNR.
     interval : pair of float
-        Of the exact SNR.
+        Interval of the exact SNR.
     """
     snr, error = (np.nan, np.nan) if runs is None else monte_carlo_error(*runs)
     return {
@@ -186,7 +190,7 @@ def snr_table(
     draws: int = 2000,
     noise: Mapping[tuple, float] | None = None,
 ) -> pd.DataFrame:
-    """SNR of every cell.
+    """Compute the SNR of every cell from its quadratic surrogate.
 
     Parameters
     ----------
@@ -198,21 +202,21 @@ def snr_table(
     runs : int
         Monte Carlo runs under each hypothesis.
     seed : int
-        Root seed; each cell has its own stream, keyed by its name.
+        Root seed; each cell has its own random stream, which depends on its name.
     level : float
-        Of ``snr_low``, ``snr_high``.
+        Level of the interval ``snr_low``, ``snr_high``.
     draws : int
-        Coefficient draws for that interval.
+        Number of coefficient draws for that interval.
     noise : mapping, optional
-        Standard deviation of a run by cell, from replicates; 0 says that the robot's model has no noise.
+        Standard deviation of a run by cell, from replicates; 0 means that the robot's model has no noise.
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``snr`` (Monte Carlo), ``snr_exact``, ``snr_low``,
-        ``snr_high`` (of the exact SNR, from the uncertainty of the coefficients), ``snr_stderr`` (Monte
-        Carlo error), ``status``: ``ok``, ``constant`` or
-        ``noise-free`` (SNR NaN), or ``decreasing`` (theta_0 < 0).
+        ``snr_high`` (interval of the exact SNR from the uncertainty of the coefficients), ``snr_stderr``
+        (Monte Carlo error), ``status``: ``ok``, ``constant`` or ``noise-free`` (SNR NaN), or ``decreasing``
+        (theta_0 < 0).
     """
     if runs < 2 or sigma < 0:
         raise InputError(f"snr: runs {runs} and sigma {sigma} must be at least 2 and 0; correct the setting.")
@@ -233,30 +237,32 @@ def snr_table(
 
 
 def answer_rows(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the surrogate that answers: where the paper's model is in the table too, the chosen one."""
+    """Return the rows of the surrogate in use: the chosen one where the table has it, else all rows."""
     chosen = table["model"] == "chosen"
     return table[chosen].reset_index(drop=True) if chosen.any() else table
 
 
 def is_noise_free(noise: float, size: float) -> bool:
-    """Whether a run has (numerically) no standard deviation: nothing but the nuisances scatters."""
+    """Return whether the noise of a run is zero up to rounding, so that only nuisances cause variation."""
     return noise <= NOISE_FREE * size
 
 
 def output_status(surrogate: Surrogate) -> str:
-    """``constant``, ``decreasing`` (the direct effect theta_0 of the fault is negative) or ``ok``."""
+    """Return ``constant``, ``decreasing`` (the fault's direct effect theta_0 is negative) or ``ok``."""
     if surrogate.status == "constant":
         return "constant"
     return "decreasing" if surrogate.coefficient("f") < 0 else "ok"
 
 
+#: Points of the numerical integration for the mean response; points for each drawn response function; most
+#: Monte Carlo runs of a chosen surrogate.
 NODES = 4096
 DRAW_NODES = 256
 MOST_RUNS = 20_000
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
-    """Standard normal quasi-random points (nodes, columns): a Sobol' sequence with a fixed scrambling."""
+    """Return standard normal quasi-random points (nodes, columns): a Sobol' sequence with fixed scrambling."""
     from scipy.stats import qmc  # here, because importing it takes a second
 
     sampler = qmc.Sobol(columns, rng=generator_for(0, "normal nodes", columns))
@@ -265,7 +271,7 @@ def normal_nodes(columns: int, nodes: int) -> Array:
 
 
 def place_nodes(x: Array, names: tuple[str, ...], f: float, sigma: float) -> Array:
-    """Coded points (M, n): the fault at `f`, nuisances sigma x held within the levels that were simulated."""
+    """Return coded points (M, n): the fault at `f`, nuisances sigma x clipped to the simulated range."""
     z = np.empty((len(x), len(names)))
     k = names.index(FAULT)
     z[:, k] = f
@@ -276,7 +282,7 @@ def place_nodes(x: Array, names: tuple[str, ...], f: float, sigma: float) -> Arr
 def quadrature_snr(
     surrogate: ChosenSurrogate, f0: float = -0.5, delta: float = 1.0, sigma: float = 0.25, nodes: int = NODES
 ) -> float:
-    """SNR (11) of the mean response, both hypotheses on the same quasi-random nuisances."""
+    """Return the SNR (11) of the mean response, with the same quasi-random nuisances for both hypotheses."""
     x = normal_nodes(len(surrogate.names) - 1, nodes)
     y0 = surrogate.predict(place_nodes(x, surrogate.names, f0, sigma))
     y1 = surrogate.predict(place_nodes(x, surrogate.names, f0 + delta, sigma))
@@ -292,7 +298,10 @@ def draw_snr(
     sigma: float = 0.25,
     noise: float = 0.0,
 ) -> Array:
-    """SNR (11) of response functions that the runs allow, shape (draws,); with the `noise` of single runs."""
+    """Return the SNR (draws,), eq. (11), of response functions drawn from a surrogate.
+
+    `noise` is the standard deviation of single runs; it adds to the variation by nuisances.
+    """
     x = normal_nodes(len(surrogate.names) - 1, DRAW_NODES)
     both = [place_nodes(x, surrogate.names, f, sigma) for f in (f0, f0 + delta)]
     y = surrogate.draw(np.vstack(both), rng, draws)
@@ -311,29 +320,29 @@ def sampled_snr_table(
     level: float = 0.95,
     draws: int = 400,
 ) -> pd.DataFrame:
-    """SNR of every cell's chosen surrogate.
+    """Compute the SNR of every cell from its chosen surrogate.
 
     Parameters
     ----------
     chosen : iterable of (key, ChosenSurrogate)
         From `wearscope.surrogates.chosen.read_chosen`.
     noise : dict, optional
-        Standard deviation of a run by key, from replicates; 0 says that the robot's model has no noise.
+        Standard deviation of a run by key, from replicates; 0 means that the robot's model has no noise.
     f0, delta, sigma : float
         Coded, as in (20).
     runs : int
-        Monte Carlo runs under each hypothesis, of which at most `MOST_RUNS` are made.
+        Monte Carlo runs under each hypothesis; at most `MOST_RUNS` are made.
     seed : int
     level : float
-        Of ``snr_low``, ``snr_high``.
+        Level of the interval ``snr_low``, ``snr_high``.
     draws : int
-        Response functions drawn for that interval.
+        Number of response functions that are drawn for that interval.
 
     Returns
     -------
     DataFrame
-        As `wearscope.evaluation.snr.snr_table`, with ``model`` ``chosen``; ``snr_exact`` is by quadrature.
-        ``status`` may also be ``noise-free``: there nothing but the nuisances scatters and the SNR is NaN.
+        As `wearscope.evaluation.snr.snr_table`, with ``model`` ``chosen``; ``snr_exact`` comes from numerical
+        integration.
     """
     records = []
     for key, surrogate in chosen:
@@ -359,7 +368,7 @@ def sampled_snr_table(
 
 
 def response_size(surrogate: ChosenSurrogate) -> float:
-    """Size of y at the design's centre."""
+    """Return the magnitude of y at the design's centre."""
     centre = surrogate.predict(np.zeros((1, len(surrogate.names))))
     return float(np.abs(centre).max())
 
@@ -376,9 +385,9 @@ def direct_design(
     sigma: float = 0.25,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Runs that ask the simulator for an SNR (11): `runs` under H0, then `runs` under H1.
+    """Design the runs that find an SNR (11) by direct simulation: `runs` under H0, then `runs` under H1.
 
-    Both hypotheses draw the same nuisances, held within -2..2, so that their difference scatters less.
+    Both hypotheses have the same nuisances, clipped to -2..2, so that their difference varies less.
 
     Parameters
     ----------
@@ -398,7 +407,7 @@ def direct_design(
     Raises
     ------
     InputError
-        Fewer than 2 runs.
+        Where `runs` is less than 2.
     """
     check_factors(factors)
     if runs < 2:
@@ -416,18 +425,18 @@ def direct_design(
 def mismatch_design(
     direct: pd.DataFrame, nominal: pd.DataFrame, mismatch: Mapping[str, float], runs: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """First pairs of a direct design, and nominal runs, on a robot that differs from its model.
+    """Return the first pairs of a direct design, and nominal runs, for a robot that differs from its model.
 
     Parameters
     ----------
     direct : DataFrame
         From `direct_design`.
     nominal : DataFrame
-        The nominal design; the detectors learn from this robot too.
+        Nominal design, whose runs the detectors learn from; they too are simulated with the different robot.
     mismatch : mapping of str to float
-        Number of the robot by path.
+        Numbers of the robot that differ, by path.
     runs : int
-        Pairs.
+        Number of pairs.
 
     Returns
     -------
@@ -446,16 +455,16 @@ def mismatch_table(
     direct: pd.DataFrame,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """SNR where the robot differs from the detectors' model, next to that where it does not.
+    """Compare the SNR where the robot differs from the detectors' model with that where it does not.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        Of the pairs of a `mismatch_design`.
+        Test quantities of the pairs of a `mismatch_design`.
     direct : DataFrame
         From `direct_table`.
     seed : int
-        Of the bootstrap over the runs.
+        Seed of the bootstrap over the runs.
 
     Returns
     -------
@@ -498,34 +507,34 @@ def direct_table(
     level: float = 0.95,
     draws: int = 2000,
 ) -> pd.DataFrame:
-    """SNR by direct simulation and by the chosen surrogate, cell by cell.
+    """Compare the SNR by direct simulation with that by the chosen surrogate, cell by cell.
 
-    Single runs also scatter with the sensors' noise, so the surrogate's value includes it: its response plus
-    the noise of a run. Its SNR in ``snr.parquet``, without that noise, is larger or equal.
+    Single runs also vary with the sensors' noise. So the surrogate's value here includes the noise of a run.
+    Its SNR in ``snr.parquet`` does not, and is larger or equal.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        Set ``direct``.
+        Test quantities of the set ``direct``.
     design : DataFrame
         From `direct_design`.
     chosen : mapping
         Chosen surrogate by cell.
     noise : mapping, optional
         Standard deviation of a run by cell, from replicates. Where it is missing or NaN, the surrogate's own
-        estimate is used, which holds its misfit too.
+        estimate is used, which includes its misfit.
     f0, delta, sigma : float
-        As the design was made with.
+        Settings of the design.
     seed, level, draws
-        Of the bootstrap over the runs, and of the surrogate's draws (at most 400).
+        Settings of the bootstrap over the runs, and of the surrogate's draws (at most 400).
 
     Returns
     -------
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``, ``runs`` (pairs in which both hypotheses have a value),
         ``n_failed``, ``snr_direct`` with ``direct_low``, ``direct_high``, ``snr_surrogate`` with
-        ``surrogate_low``, ``surrogate_high``, ``agrees`` (the intervals overlap; None where either has none).
-        A model without noise has no SNR: all of these are NaN.
+        ``surrogate_low``, ``surrogate_high``, ``agrees`` (whether the intervals overlap; None where either is
+        missing). A model without noise has no SNR; then all of these are NaN.
 
     Raises
     ------
@@ -571,7 +580,7 @@ def direct_table(
 
 
 def _pairs(cell: pd.DataFrame) -> np.ndarray:
-    """Values (2, N) under H0 and H1 of the pairs in which both have one."""
+    """Return the values (2, N) under H0 and H1 of the pairs in which both are finite."""
     y = cell.sort_values("point")["y"].to_numpy(dtype=float).reshape(2, -1)
     return y[:, np.isfinite(y).all(axis=0)]
 
@@ -579,7 +588,7 @@ def _pairs(cell: pd.DataFrame) -> np.ndarray:
 def _sample(
     y: np.ndarray, free: bool, key: tuple, seed: int, level: float = 0.95, draws: int = 2000
 ) -> tuple[float, float, float]:
-    """SNR of pairs (2, N) with its interval; NaN where there are too few, or the model is free of noise."""
+    """Return the SNR of pairs (2, N) and its bootstrap interval; NaN with too few pairs or without noise."""
     low, high = np.nan, np.nan
     if y.shape[1] < 2 or free:
         return np.nan, low, high
@@ -592,5 +601,5 @@ def _sample(
 
 
 def _snr(y: np.ndarray) -> float:
-    """SNR (11) of runs (2, N) under H0 and H1."""
+    """Return the SNR (11) of runs (2, N) under H0 and H1."""
     return float(ratio(y[1].mean() - y[0].mean(), y[1].std(ddof=1)))

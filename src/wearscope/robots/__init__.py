@@ -1,1 +1,1 @@
-"""Robots: URDF intake, the model file, rigid-body dynamics."""
+"""Robots: reading of URDFs, the model file, rigid-body dynamics, friction."""

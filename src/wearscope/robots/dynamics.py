@@ -1,4 +1,4 @@
-"""Rigid-body dynamics of a normalised URDF by Pinocchio, with joints in the caller's order."""
+"""Rigid-body dynamics of a normalised URDF, computed by Pinocchio with the joints in the caller's order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from wearscope.errors import InputError
 from wearscope.robots.spatial import Array, Inertia
 from wearscope.robots.urdf import replace_inertias
 
-N_PARAMETERS = 10
+N_PARAMETERS = 10  # inertial parameters of a link
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Payload:
         return Inertia(self.mass, np.array(self.com, dtype=float), tensor).to_parameters()
 
     def scaled(self, factor: float) -> "Payload":
-        """Payload with mass and inertia times `factor`, the centre of mass unchanged."""
+        """Return the payload with mass and inertia times `factor` and the same centre of mass."""
         return Payload(factor * self.mass, self.com, tuple(factor * value for value in self.inertia))
 
 
@@ -52,17 +52,17 @@ class RigidBody:
     urdf_text : str
         Normalised URDF (`wearscope.robots.urdf.normalise_urdf`) with exactly the joints `joints`.
     joints : sequence of str, length n
-        The order of joints in every array.
+        Joints in the order of every array.
     gravity : sequence of 3 float
         In the base frame [m/s^2].
     payload : Payload, optional
-        Rigidly on the link of the last joint.
+        Payload fixed to the link of the last joint.
 
     Notes
     -----
-    Inertial parameters are ten a joint's link, about the joint's frame, in the order
-    `wearscope.robots.spatial.PARAMETER_NAMES`. `inertial_parameters` are the links' own, without the payload:
-    torque = inertial_regressor @ inertial_parameters + payload_regressor @ payload.parameters.
+    Each joint's link has ten inertial parameters about the joint's frame, in the order of
+    `wearscope.robots.spatial.PARAMETER_NAMES`. `inertial_parameters` are those of the links without the
+    payload: torque = inertial_regressor @ inertial_parameters + payload_regressor @ payload.parameters.
 
     Raises
     ------
@@ -99,6 +99,7 @@ class RigidBody:
         self._load_inertias()
 
     def _load_inertias(self) -> None:
+        """Set Pinocchio's inertias to those of the links and the payload; refuse a mass of 0 or less."""
         totals = self._links.copy()
         if self.payload is not None:
             totals[-1] += self.payload.parameters
@@ -117,6 +118,7 @@ class RigidBody:
         return len(self.names)
 
     def _sorted(self, values: ArrayLike) -> Array:
+        """Return values by joint (..., n) in Pinocchio's order."""
         array = np.asarray(values, dtype=float)
         if self._in_order:
             return array
@@ -140,13 +142,13 @@ class RigidBody:
         q, v, a = self._sorted(q), self._sorted(v), self._sorted(a)
         if q.ndim == 1:
             return pin.rnea(self._model, self._data, q, v, a)[self._order]
-        # In one call, by one thread: the same bytes as sample by sample. Of one joint it makes a vector.
+        # One call on one thread gives the same bytes as sample by sample. For one joint it returns a vector.
         torque = pin.rneaInParallel(1, pin.ModelPool(self._model, 1), q.T, v.T, a.T)
         out = np.ascontiguousarray(torque.T).reshape(q.shape)
         return out if self._in_order else out[:, self._order]
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Where the joints are: forward kinematics.
+        """Return the positions of the joints (forward kinematics).
 
         Parameters
         ----------
@@ -156,9 +158,9 @@ class RigidBody:
         Returns
         -------
         array (N, n + 2, 3)
-            In the base frame [m]: the base, the joints in order, and the end of the chain, which is the frame
-            of the last link that lies farthest from its joint, the payload's centre of mass where there is
-            none.
+            Positions in the base frame [m]: the base, the joints in order, and the end of the chain. The end
+            is the point farthest from the last joint among the frames on its link and the payload's centre
+            of mass.
         """
         rows = self._sorted(np.atleast_2d(np.asarray(q, dtype=float)))
         last = self._ids[-1]
@@ -188,9 +190,9 @@ class RigidBody:
         return self._regress(self._ids, q, v, a)
 
     def add_to_links(self, parameters: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Torque (N, n) that the links have more with parameters (10 n,) more.
+        """Return the torque (N, n) by which additional inertial parameters (10 n,) change that of the links.
 
-        It is ``inertial_regressor(q, v, a) @ parameters``, several times faster.
+        It equals ``inertial_regressor(q, v, a) @ parameters`` and is several times faster.
         """
         other = self._copy()
         changes = np.reshape(parameters, (self.n, N_PARAMETERS))
@@ -204,11 +206,11 @@ class RigidBody:
         return self._regress(self._ids[-1:], q, v, a)
 
     def _regress(self, ids: Sequence[int], q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Regressor (N, n, 10 L) of the parameters of L links, by their joints' numbers in Pinocchio."""
+        """Return the regressor (N, n, 10 L) of L links, which `ids` gives as Pinocchio's joint indices."""
         single = np.ndim(q) == 1
         q, v, a = (np.atleast_2d(self._sorted(x)) for x in (q, v, a))
         columns = np.concatenate([np.arange(N_PARAMETERS) + N_PARAMETERS * (one - 1) for one in ids])
-        # A view of each sample's block costs next to nothing, where the joints are in Pinocchio's order.
+        # Where the joints are in Pinocchio's order, a slice is a view and costs next to nothing.
         view = (..., slice(columns[0], columns[-1] + 1))
         pick = view if self._in_order else np.ix_(self._order, columns)
         out = np.empty((len(q), self.n, len(columns)))
@@ -218,16 +220,16 @@ class RigidBody:
 
     @property
     def inertial_parameters(self) -> Array:
-        """Ten parameters a link (10 n,), without the payload."""
+        """Inertial parameters (10 n,) of the links without the payload, ten for each link."""
         return self._links.ravel().copy()
 
     def with_inertial_parameters(self, parameters: ArrayLike) -> "RigidBody":
-        """Return the same robot with other link parameters (10 n,); the payload stays.
+        """Return the same robot with other link parameters (10 n,) and the same payload.
 
         Raises
         ------
         InputError
-            Where a link with its payload would weigh nothing or less.
+            Where the mass of a link with its payload would not be positive.
         """
         other = self._copy()
         other._links = np.array(parameters, dtype=float).reshape(self.n, N_PARAMETERS)
@@ -250,26 +252,27 @@ class RigidBody:
         return other
 
     def _copy(self) -> "RigidBody":
+        """Return a copy with a Pinocchio model of its own."""
         other = RigidBody.__new__(RigidBody)
         other.__dict__.update(self.__dict__)
         other._model = self._model.copy()
         return other
 
     def __getstate__(self) -> dict:
-        """Pickle what defines the robot; Pinocchio's objects are made again."""
+        """Pickle the arguments and the parameters; Pinocchio's objects are built again from them."""
         return {
             "arguments": (self._urdf_text, self.names, self.gravity, self.payload),
             "parameters": self._links,
         }
 
     def __setstate__(self, state: dict) -> None:
-        """Make Pinocchio's objects again."""
+        """Build Pinocchio's objects again."""
         RigidBody.__init__(self, *state["arguments"])
         self._links = state["parameters"]
         self._load_inertias()
 
     def urdf_text(self) -> str:
-        """Normalised URDF with the links' present parameters, without the payload."""
+        """Return the normalised URDF with the current parameters of the links, without the payload."""
         changed = {
             name: Inertia.from_parameters(parameters)
             for name, parameters, nominal in zip(self.names, self._links, self._nominal, strict=True)

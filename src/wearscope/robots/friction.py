@@ -1,7 +1,8 @@
-"""Friction torque of a robot's wearing joints over speed, temperature and wear, as its model has it.
+"""Friction of a robot's joints over speed, temperature and wear.
 
-Eq. (17) of a joint follows from two figures, its Coulomb torque and its viscous slope. A model that lacks
-wear and temperature has them carried over, scaled to its joints' own friction.
+The parameters of the friction law, eq. (17), follow from a joint's Coulomb torque and viscous slope. A model
+whose friction does not depend on wear or temperature takes this dependence from another robot, scaled to the
+friction of its own joints.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +15,8 @@ from wearscope.effects.base import Effect, Signals, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
-#: Effects that are torque against speed at a joint, whatever its position and load.
+#: Signals of a friction curve: an effect that depends on these alone is a torque over speed, whatever the
+#: joint's position and load.
 SPEED_SIGNALS = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
 
 
@@ -24,7 +26,7 @@ def friction_curves(
     wear: Sequence[float] = (0.0, 50.0),
     points: int = 200,
 ) -> pd.DataFrame:
-    """Friction torque against speed, up to the speed limit.
+    """Compute friction curves: torque over speed, up to the speed limit.
 
     Parameters
     ----------
@@ -32,15 +34,15 @@ def friction_curves(
     temperatures : sequence of float
         [deg C]
     wear : sequence of float
-        Levels f of eq. (17) [-].
+        Wear indices f of eq. (17) [-].
     points : int
-        Speeds a curve, closer together near rest, where the law bends.
+        Number of speeds of a curve; they are denser near rest, where the curve bends.
 
     Returns
     -------
     DataFrame
         ``robot``, ``joint``, ``speed``, ``temperature``, ``wear``, ``torque``, ``speed_unit``,
-        ``torque_unit``: one row a wearing joint, temperature, wear level and speed.
+        ``torque_unit``: one row for each wearing joint, temperature, wear index and speed.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def friction_curves(
 def friction_torque(
     model: RobotModel, joint: int, speed: np.ndarray, temperature: float, level: float = 0.0
 ) -> np.ndarray:
-    """Friction torque (N,) of a joint at speeds (N,), a temperature [deg C] and a wear level f [-]."""
+    """Return the friction torque (N,) of a joint at speeds (N,), a temperature [deg C] and a wear index f."""
     v = np.zeros((len(speed), model.n))
     v[:, joint] = speed
     signals = Signals.along(np.arange(len(speed), dtype=float), v, temperature=temperature, wear=level)
@@ -92,10 +94,11 @@ _COULOMB = 3.11e-2
 _STRIBECK = (-2.50e-2, 1.60e-3)
 _STRIBECK_SPEED = (-24.81, 0.98)
 _VISCOUS = (1.30e-4, 1.32e-3, 20.71)
-#: Range of temperatures over which the viscous line is fitted, and the temperature of the stated slope [deg
-#: C].
+#: Range of temperatures [deg C] over which viscous friction is fitted by a straight line, and the temperature
+#: at which a user states the viscous slope.
 _FITTED, _STATED = (30.0, 70.0), 40.0
-#: Wear of one unit of f: low-speed torque over the largest torque, motor speed [rad/s], normalised slope.
+#: Effect of one unit of wear f: rise of the torque at low speed over the largest torque, motor speed at which
+#: that rise fades [rad/s], and rise of the normalised viscous slope.
 _WEAR, _WEAR_SPEED, _WEAR_SLOPE = 1e-3, 0.4, 5e-6
 
 SOURCE = (
@@ -105,7 +108,7 @@ SOURCE = (
 
 
 def scale_friction_law(coulomb: float, viscous: float, gear_ratio: float) -> dict[str, float]:
-    """Parameters of `friction_wear_temperature` at a joint.
+    """Return the parameters of the effect `friction_wear_temperature` at a joint.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def scale_friction_law(coulomb: float, viscous: float, gear_ratio: float) -> dic
     viscous : float
         Viscous slope at 40 deg C on the joint side [N m s/rad or N s/m].
     gear_ratio : float
-        Motor rad per unit of the joint; its sign does not matter.
+        Motor angle [rad] for a joint rad or m; its sign does not matter.
 
     Returns
     -------
@@ -124,7 +127,7 @@ def scale_friction_law(coulomb: float, viscous: float, gear_ratio: float) -> dic
     Raises
     ------
     InputError
-        Where a figure is no friction or no gear ratio.
+        Where a number is negative or not finite, or the gear ratio is 0.
     """
     if not (np.isfinite(coulomb) and coulomb >= 0.0 and np.isfinite(viscous) and viscous >= 0.0):
         raise InputError(
@@ -154,10 +157,10 @@ def scale_friction_law(coulomb: float, viscous: float, gear_ratio: float) -> dic
 def friction_from_efficiency(
     efficiency: float, rated_torque: float, rated_speed: float
 ) -> tuple[float, float]:
-    """Coulomb torque and viscous slope of a gear of stated efficiency at its rated torque and speed.
+    """Estimate the Coulomb torque and the viscous slope of a gear from its efficiency.
 
-    What the motor supplies beyond the rated torque is ``rated_torque (1 / efficiency - 1)``; half of it is
-    taken to be Coulomb and half viscous friction, as neither is stated.
+    At rated torque and speed the friction is ``rated_torque (1 / efficiency - 1)``. Half of it is assumed to
+    be Coulomb friction and half viscous, as the efficiency does not tell the shares.
 
     Parameters
     ----------
@@ -169,7 +172,7 @@ def friction_from_efficiency(
     Raises
     ------
     InputError
-        Where the efficiency is no share.
+        Where the efficiency is not between 0 and 1.
     """
     if not 0.0 < efficiency < 1.0:
         raise InputError(f"efficiency {efficiency:g}: give a share between 0 and 1, e.g. 0.85.")
@@ -177,21 +180,22 @@ def friction_from_efficiency(
     return 0.5 * loss, 0.5 * loss / rated_speed
 
 
-#: Signal of each dependence, by the name that the configuration has for the dependence.
+#: Signal on which friction depends, by the name of the dependence in the configuration.
 SIGNALS = {"wear": "wear_{joint}", "temperature": "temp_{joint}"}
-#: Parameter of an effect that is zero at a temperature.
+#: Name of the parameter for the temperature at which an effect is zero.
 REFERENCE = "reference"
-#: Friction is compared at these shares of the largest speed that both joints reach, where the low-speed bump
-#: has died away.
+#: The friction of two joints is compared at these shares of the largest speed that both reach. At these
+#: speeds the Stribeck rise of friction near rest has faded.
 _SHARES = np.linspace(0.5, 1.0, 21)
 
 
 def find_lacking(
     model: RobotModel, dependences: Sequence[str] = tuple(SIGNALS), worn: Sequence[int] | None = None
 ) -> list[tuple[str, str]]:
-    """Joints whose torque does not depend on wear or temperature, as (dependence, joint).
+    """Find the joints whose torque should depend on wear or temperature and does not.
 
-    Wear is required of the joints that wear, or of the axes `worn`; temperature of all joints.
+    The joints that wear (or the axes `worn`) should depend on wear, and all joints on temperature. Returns
+    pairs (dependence, joint).
     """
     wearing = model.wear_joints if worn is None else model.wearing(worn).wear_joints
     return [
@@ -209,33 +213,33 @@ def carry_over(
     reference: float = 50.0,
     worn: Sequence[int] | None = None,
 ) -> RobotModel:
-    """Complete model: what it lacks of wear and temperature, taken from another robot.
+    """Add to a model the dependence of friction on wear and temperature that another robot has.
 
-    A joint that depends on wear or temperature already keeps its own, as identified. Where it does not, it
-    gets that part of the source's friction, of the joint of the same name or else the same place, as an
-    effect of its own: torque times the ratio of the two joints' friction, speed times the ratio of their
-    gears (of their speed limits where a gear is not stated).
+    A joint whose friction depends on wear or temperature already is left unchanged. Any other joint gets the
+    missing part from the source's joint of the same name, or else of the same position in the list. The part
+    is added as an effect of its own. Its torque is scaled by the ratio of the two joints' friction, its speed
+    by the ratio of their gears, or of their speed limits where a gear ratio is not stated.
 
     Parameters
     ----------
     model : RobotModel
-        E.g. ``model_after.yaml`` of a closed loop.
+        E.g. ``model_after.yaml`` of a diagnosis.
     source : RobotModel
     dependences : sequence of {"wear", "temperature"}
     reference : float
-        Temperature at which the model's own friction holds [deg C]: what temperature changes is zero there.
+        Temperature at which the model's own friction holds [deg C]; the added torque is zero there.
     worn : sequence of int, optional
         Axes that wear; the model's own by default.
 
     Returns
     -------
     RobotModel
-        With further effects, marked ``assumed``; the model itself where it lacks nothing.
+        The model with the added effects, marked ``assumed``; the same model where nothing is missing.
 
     Raises
     ------
     InputError
-        Where the source lacks it too, or a joint has no friction to scale to.
+        Where the source lacks the dependence too, or a joint has no friction that gives the scale.
     """
     added: list[dict[str, Any]] = []
     for dependence, joint in find_lacking(model, dependences, worn):
@@ -260,7 +264,10 @@ def carry_over(
 def scale_parameters(
     effect: Effect, values: dict[str, float], speed: float, torque: float
 ) -> dict[str, float]:
-    """Parameters of an effect at a joint with multiples of another's torque and speed, by their units."""
+    """Scale the parameters of an effect to a joint whose torque and speed are multiples of the first joint's.
+
+    A parameter's unit tells the powers of the two factors.
+    """
     scaled = {}
     for p in effect.parameters:
         if p.name in values:
@@ -271,6 +278,7 @@ def scale_parameters(
 
 
 def _effects_at(model: RobotModel, joint: str) -> Iterator[tuple[Effect, dict[str, float]]]:
+    """Yield the effects at a joint with their parameters."""
     for entry in model.effects:
         if entry.joint == joint:
             yield load_effect(entry.effect), entry.parameters
@@ -279,7 +287,7 @@ def _effects_at(model: RobotModel, joint: str) -> Iterator[tuple[Effect, dict[st
 def _lend(
     source: RobotModel, joint: str, dependence: str, reference: float
 ) -> list[tuple[Effect, dict[str, float]]]:
-    """The part of a joint's friction in the source that depends on wear, or on temperature."""
+    """Return the parts of a joint's friction in the source that depend on wear, or on temperature."""
     lent = []
     for effect, values in _effects_at(source, joint):
         if SIGNALS[dependence] not in effect.depends_on:
@@ -309,7 +317,7 @@ def _lend(
 def _find_scales(
     model: RobotModel, joint: str, source: RobotModel, lender: str, reference: float
 ) -> tuple[float, float]:
-    """Speed and torque of a joint over those of the one that lends."""
+    """Return the factors on speed and on torque from the source's joint to the model's joint."""
     j, k = model.joints.index(joint), source.joints.index(lender)
     limit, lender_limit = model.motion_limits()[0][j], source.motion_limits()[0][k]
     if model.drive.gear_ratio is not None and source.drive.gear_ratio is not None:

@@ -1,4 +1,4 @@
-"""`RobotModel`: everything the platform knows of a robot, as one YAML file with its URDF next to it."""
+"""`RobotModel`: all that the platform knows about a robot, stored as a YAML file with a URDF next to it."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -37,9 +37,9 @@ from wearscope.storage import tables
 
 
 class RobotModel(Section):
-    """A robot: kinematics and inertias by its URDF, drive train, sensors, payload, effects.
+    """A robot: kinematics and inertias from its URDF, drive train, sensors, payload, effects.
 
-    Every list is by joint, in the order of `joints`.
+    Every list has one value for each joint, in the order of `joints`.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$", max_length=limits.NAME)]
@@ -47,23 +47,23 @@ class RobotModel(Section):
     description: str = ""
     source: str = ""
     urdf: str
-    """Path of the URDF from the model file."""
+    """Path of the URDF, relative to the model file."""
     joints: Annotated[list[str], Field(min_length=1)]
-    """The joints that move; others of the URDF are locked at 0."""
+    """Joints that move; the other joints of the URDF are locked at 0."""
     gravity: list[Finite] = Field(default=[0.0, 0.0, -9.81], min_length=3, max_length=3)
-    """In the base frame [m/s^2]."""
+    """Gravity in the base frame [m/s^2]."""
     drive: Drive = Drive()
     sensors: Sensors = Sensors()
     payload: DeclaredPayload | None = None
     controller: Controller | None = None
     home: list[Finite] | None = None
-    """Posture that the test-cycles start from and return to; default 0, or the middle of the range."""
+    """Posture at which the test-cycles start and end; by default 0, or the middle of the range without 0."""
     lower: list[Finite] | None = None
-    """Position limits; default the URDF's."""
+    """Lower position limits; by default those of the URDF."""
     upper: list[Finite] | None = None
-    """Position limits; default the URDF's."""
+    """Upper position limits; by default those of the URDF."""
     wear_axes: list[str] | None = None
-    """Joints that wear; default the first three."""
+    """Joints that wear; by default the first three."""
     effects: list[EffectEntry] = Field(default=[])
 
     _urdf_text: str = PrivateAttr(default="")
@@ -92,29 +92,29 @@ class RobotModel(Section):
 
     @property
     def gear_ratio(self) -> Array:
-        """Motor rad per joint unit (n,); 1 where unknown."""
+        """Motor angle [rad] for a joint rad or m (n,); 1 where unknown."""
         return np.ones(self.n) if self.drive.gear_ratio is None else np.array(self.drive.gear_ratio)
 
     @property
     def rotor_inertia(self) -> Array:
-        """Reflected to the joint (n,) [kg m^2 or kg]; 0 where unknown."""
+        """Rotor inertia reflected to the joint (n,) [kg m^2 or kg]; 0 where unknown."""
         return np.zeros(self.n) if self.drive.rotor_inertia is None else np.array(self.drive.rotor_inertia)
 
     @property
     def torque_limit(self) -> Array:
-        """Joint side (n,); infinite where unknown."""
+        """Largest motor torque, as torque at the joint (n,) [N m or N]; infinite where unknown."""
         limit = self.drive.torque_limit
         return np.full(self.n, np.inf) if limit is None else np.array(limit)
 
     @property
     def encoder_resolution(self) -> Array:
-        """Joint side (n,); 0 where unknown."""
+        """Step of the recorded position on the joint side (n,) [rad or m]; 0 where unknown."""
         steps = self.sensors.encoder_resolution
         return np.zeros(self.n) if steps is None else np.array(steps)
 
     @property
     def torque_noise(self) -> Array:
-        """Standard deviation (n,); 0 where unknown."""
+        """Standard deviation of the torque's noise (n,) [N m or N]; 0 where unknown."""
         noise = self.sensors.torque_noise
         return np.zeros(self.n) if noise is None else np.array(noise)
 
@@ -127,7 +127,7 @@ class RobotModel(Section):
 
     @property
     def home_posture(self) -> Array:
-        """`home`, or 0 moved into the position limits."""
+        """Home posture (n,): `home`, or 0 where the limits contain it, or the middle of the range."""
         if self.home is not None:
             return np.array(self.home)
         lower, upper = self.position_limits
@@ -136,16 +136,16 @@ class RobotModel(Section):
 
     @property
     def wear_joints(self) -> list[str]:
-        """`wear_axes`, or the first three joints."""
+        """Joints that wear: `wear_axes`, or the first three joints."""
         return self.joints[:3] if self.wear_axes is None else self.wear_axes
 
     @property
     def axes(self) -> list[str]:
-        """Joint of each axis as a study counts them: `wear_joints`, then the others in their order."""
+        """Joints in the order in which a study counts its axes: `wear_joints` first, then the others."""
         return [*self.wear_joints, *(name for name in self.joints if name not in self.wear_joints)]
 
     def wearing(self, axes: Sequence[int]) -> "RobotModel":
-        """Return a copy on which these axes wear, in this order; `axes` of the copy are others.
+        """Return a copy on which these axes wear, in this order; the copy counts its `axes` anew.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class RobotModel(Section):
 
     @property
     def declared_payload(self) -> Payload | None:
-        """The payload that the controller believes in."""
+        """The payload that the controller assumes; None where the model declares none."""
         return None if self.payload is None else self.payload.to_payload()
 
     def motion_limits(self) -> tuple[Array, Array, Array]:
@@ -167,7 +167,7 @@ class RobotModel(Section):
         Raises
         ------
         InputError
-            Where the model states none: a test-cycle is planned within them.
+            Where the model lacks one of them.
         """
         drive = self.drive
         for key in ("speed_limit", "acceleration_limit", "jerk_limit"):
@@ -178,25 +178,25 @@ class RobotModel(Section):
         return np.array(drive.speed_limit), np.array(drive.acceleration_limit), np.array(drive.jerk_limit)
 
     def rigid_body(self, payload: Payload | None = None) -> RigidBody:
-        """Rigid-body dynamics with the given payload (none by default, see `declared_payload`)."""
+        """Return the rigid-body dynamics with a payload; by default there is none, see `declared_payload`."""
         return _make_body(self._urdf_text, tuple(self.joints), tuple(self.gravity)).with_payload(payload)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Content of the model file; what was left out stays out."""
+        """Return the content of the model file; fields that were left out stay out."""
         return self.model_dump(mode="json", exclude_unset=True)
 
     def replace(self, urdf_text: str | None = None, **changes: Any) -> "RobotModel":
-        """Return a checked copy with other fields, as the file has them, and, where given, another URDF."""
+        """Return a checked copy with changed fields, in the form of the model file, or with another URDF."""
         text = self._urdf_text if urdf_text is None else urdf_text
         return make_model({**self.to_mapping(), **changes}, text, self.name)
 
     def add_effects(self, entries: Sequence[Mapping[str, Any]]) -> "RobotModel":
-        """Return a checked copy with further effects, as the file has them."""
+        """Return a checked copy with added effects, in the form of the model file."""
         own = [entry.model_dump(mode="json", exclude_unset=True) for entry in self.effects]
         return self.replace(effects=[*own, *entries])
 
 
-#: Detectors ask for bodies at each recording: the URDF is parsed once a robot.
+#: Detectors ask for the bodies at each recording; the cache parses the URDF once for each robot.
 _make_body = lru_cache(maxsize=16)(RigidBody)
 
 
@@ -210,16 +210,17 @@ def make_model(
     fields : mapping
         Content of the model file.
     urdf : str or Path
-        URDF text or path; normalised here.
+        Text or path of the URDF, which is normalised here.
     where : str
-        What messages call it, e.g. the path of the file.
+        Name of the model in messages, e.g. the path of its file.
     strict : bool
-        Refuse moving links without physical inertia, see `wearscope.robots.urdf.normalise_urdf`.
+        Whether to refuse moving links whose inertia is missing or not physical, see
+        `wearscope.robots.urdf.normalise_urdf`.
 
     Raises
     ------
     InputError
-        One sentence for the first breach found.
+        Where a field is wrong; the sentence tells the first one.
     """
     try:
         model = RobotModel.model_validate(dict(fields))
@@ -238,6 +239,7 @@ def make_model(
 
 
 def _explain_breach(breach: Any) -> str:
+    """Describe an error of pydantic in one sentence that begins with the field."""
     place = ""
     for part in breach["loc"]:
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
@@ -250,7 +252,7 @@ def _explain_breach(breach: Any) -> str:
 
 
 def list_breaches(fields: Mapping[str, Any], where: str) -> list[str]:
-    """Every field of a model file that breaks a rule of its own, a sentence each."""
+    """Return one sentence for each field of a model file that is wrong by itself."""
     try:
         RobotModel.model_validate(dict(fields))
     except ValidationError as error:
@@ -259,6 +261,7 @@ def list_breaches(fields: Mapping[str, Any], where: str) -> list[str]:
 
 
 def _check_lists(model: RobotModel, where: str) -> None:
+    """Refuse lists that do not have one value for each joint, and a gear ratio of 0."""
     lists = {
         **{f"drive.{key}": getattr(model.drive, key) for key in Drive.model_fields},
         "sensors.encoder_resolution": model.sensors.encoder_resolution,
@@ -278,6 +281,7 @@ def _check_lists(model: RobotModel, where: str) -> None:
 
 
 def _check_references(model: RobotModel, where: str) -> None:
+    """Refuse names of joints that do not exist, joints without range, and a home outside the limits."""
     for key, names in (
         ("wear_axes", model.wear_joints),
         *((f"effects[{k}].joint", [entry.joint]) for k, entry in enumerate(model.effects)),
@@ -302,12 +306,12 @@ def _check_references(model: RobotModel, where: str) -> None:
 
 
 def check_effects(model: RobotModel) -> None:
-    """Check the effects' names and parameters against the vocabulary.
+    """Refuse effects and parameters that do not exist.
 
     Raises
     ------
     InputError
-        Naming the entry, and the names that exist.
+        Names the entry and what exists.
     """
     for k, entry in enumerate(model.effects):
         effect = load_effect(entry.effect).for_robot(model.n)
@@ -315,12 +319,12 @@ def check_effects(model: RobotModel) -> None:
 
 
 def check_temperature(model: RobotModel, temperature: float) -> None:
-    """Refuse a temperature [deg C] at which a joint's friction does not hold.
+    """Refuse a temperature [deg C] outside the range in which a joint's friction law is valid.
 
     Raises
     ------
     InputError
-        Naming the joint and the temperatures at which it does.
+        Names the joint and the valid temperatures.
     """
     for entry in model.effects:
         low, high = load_effect(entry.effect).temperatures(entry.parameters)
@@ -352,9 +356,9 @@ def load_model(
     reference : str or Path
         A model file, a folder that holds ``model.yaml``, or a name in `robots_dir`.
     robots_dir : str or Path, optional
-        ``config/robots`` by default.
+        Folder of robots; ``config/robots`` by default.
     strict : bool
-        Refuse moving links without physical inertia.
+        Whether to refuse moving links whose inertia is missing or not physical.
     allow_code : bool or list of str
         Whether effects may be .py files, which run when the model is used: all, none, or those listed.
 
@@ -371,20 +375,18 @@ def load_model(
 
 
 def save_model(model: RobotModel, path: str | Path) -> Path:
-    """Write the model file, and its normalised URDF next to it under the same stem.
-
-    Loading the file gives an equal model.
+    """Write the model file, and next to it its normalised URDF; loading the file gives an equal model.
 
     Parameters
     ----------
     model : RobotModel
     path : str or Path
-        E.g. ``model_after.yaml``; the URDF then is ``model_after.urdf``.
+        E.g. ``model_after.yaml``; the URDF is then ``model_after.urdf``.
 
     Returns
     -------
     Path
-        Of the URDF.
+        Path of the URDF.
     """
     path = Path(path)
     urdf = path.with_suffix(".urdf")

@@ -1,4 +1,4 @@
-"""Model files read as plain fields, without the robot's URDF: where they are, and which files they name."""
+"""Finds and reads model files as plain fields, without the URDF, and handles the effect files they name."""
 
 import os
 from collections.abc import Collection, Mapping
@@ -13,17 +13,17 @@ from wearscope.storage.plain_yaml import read_mapping
 
 DEFAULT_ROBOTS_DIR = Path("config/robots")
 
-#: Whether effects may be .py files: all, none, or those listed.
+#: Which effects may be .py files: True for all, False for none, or a list.
 Allowed = bool | list[str] | tuple[str, ...]
 
 
 def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> Path:
-    """Path of a model file, given as `wearscope.robots.model.load_model` takes it.
+    """Find the path of a model file from the reference that `wearscope.robots.model.load_model` takes.
 
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is no such file.
     """
     folders = (
         [DEFAULT_ROBOTS_DIR, find_home() / DEFAULT_ROBOTS_DIR] if robots_dir is None else [Path(robots_dir)]
@@ -33,7 +33,7 @@ def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> P
         try:
             if candidate.is_file():
                 return candidate
-        except (ValueError, OSError):  # a path that no system has, or a name that is too long
+        except (ValueError, OSError):  # an impossible path, or a name that is too long
             break
     module = plugins.installed_file(str(reference), "robots") if isinstance(reference, str) else None
     if module is not None:
@@ -49,12 +49,12 @@ def find_model(reference: str | Path, robots_dir: str | Path | None = None) -> P
 
 
 def read_text(path: str | Path, what: str) -> str:
-    """Text of a file that may come from someone else.
+    """Read a text file that may come from someone else; `what` names the expected file in messages.
 
     Raises
     ------
     InputError
-        Where it is no plain file, too large, or not text.
+        Where it is not a plain file, too large, or not UTF-8 text.
     """
     path = Path(path)
     check_plain(path, limits.TEXT_BYTES, f"name {what}")
@@ -67,12 +67,12 @@ def read_text(path: str | Path, what: str) -> str:
 
 
 def read_model_file(path: Path) -> dict[str, Any]:
-    """Content of a model file.
+    """Read the content of a model file.
 
     Raises
     ------
     InputError
-        Where it cannot be read, is no mapping, names no URDF, or lists its effects in another form.
+        Where it cannot be read, is no mapping, names no URDF, or lists its effects in a wrong form.
     """
     if path.suffix.lower() == ".urdf":
         raise InputError(f"{path}: is a URDF; make a robot of it first: wearscope new robot {path}.")
@@ -86,12 +86,12 @@ def read_model_file(path: Path) -> dict[str, Any]:
 
 
 def list_effects(fields: Mapping[str, Any], where: str) -> list[str]:
-    """Names of the effects of a model file's content, each once, sorted.
+    """List the names of the effects in a model file, each once, sorted.
 
     Raises
     ------
     InputError
-        Where they are no list of mappings with a joint and an effect.
+        Where `effects` is not a list of mappings with a joint and an effect.
     """
     entries = fields.get("effects", [])
     if not isinstance(entries, list):
@@ -104,12 +104,12 @@ def list_effects(fields: Mapping[str, Any], where: str) -> list[str]:
 
 
 def locate_effect(effect: str, folder: Path) -> str:
-    """An effect of a model file in `folder`: its name, or the absolute path of its file."""
+    """Return an effect of a model file in `folder` by its name, or by the absolute path of its .py file."""
     return os.path.abspath(folder / effect) if effect.endswith(".py") else effect
 
 
 def locate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Content of a model file in `folder`, with effects as `locate_effect` gives them."""
+    """Return the content of a model file in `folder` with absolute paths of effect files."""
     entries = [
         {**entry, "effect": locate_effect(entry["effect"], folder)} for entry in fields.get("effects", [])
     ]
@@ -117,7 +117,7 @@ def locate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Reverse of `locate_effects`: effect files relative to `folder`, so that both can be moved together."""
+    """Reverse `locate_effects`: make effect files relative to `folder`, so that all can be moved together."""
     entries = [
         {**entry, "effect": os.path.relpath(entry["effect"], folder)}
         if entry["effect"].endswith(".py")
@@ -128,17 +128,18 @@ def relate_effects(fields: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _is_among(effect: str, allowed: Collection[str], where: str) -> bool:
-    """Whether an effect's file is among the allowed files, by the model's path or another path to it."""
+    """Return whether an effect's file is allowed, by the path in the model or any path to the same file."""
     file = (Path(where).parent / effect).resolve()
     return effect in allowed or file in {Path(path).resolve() for path in allowed}
 
 
 def check_code(effects: list[str], allowed: Allowed, where: str) -> None:
-    """Refuse effects that are files of code which the user has not allowed.
+    """Refuse effects that are .py files which the user has not allowed.
 
     Raises
     ------
     InputError
+        Names the file, and how to allow it.
     """
     for effect in effects:
         named = allowed is True or (not isinstance(allowed, bool) and _is_among(effect, allowed, where))

@@ -1,4 +1,4 @@
-"""Numbers of a robot's model by their path, such as ``sensors.torque_noise.axis_2``."""
+"""Numbers of a robot's model that a factor can set, by a path such as ``sensors.torque_noise.axis_2``."""
 
 import copy
 from collections.abc import Sequence
@@ -21,35 +21,37 @@ SECTIONS: dict[str, type[Section]] = {
     "payload": DeclaredPayload,
     "controller": Controller,
 }
-#: Lists by joint that are zeros where a model states none.
+#: Lists by joint that are all zeros where a model does not state them.
 ZERO_WHERE_UNKNOWN = ("rotor_inertia", "encoder_resolution", "torque_noise")
-#: Lists by joint that say where a test-cycle goes: its first and last posture, and the range that it uses.
+#: Lists by joint that set the range of a test-cycle: its first and last posture, and the position limits.
 RANGE = ("home", "lower", "upper")
-#: Numbers that the planning of a reference motion uses.
+#: Numbers that a reference motion is planned with.
 MOTION_LIMITS = ("drive.speed_limit", "drive.acceleration_limit", "drive.jerk_limit", *RANGE)
-#: Numbers that the controller knows. Any other number changes the machine but not what its controller and its
-#: detectors believe.
+#: Numbers whose changed value the controller knows. Any other number changes only the machine: controller and
+#: detectors keep using the model's value.
 KNOWN = ("controller", "drive.torque_limit", *MOTION_LIMITS)
-#: The recorder's rate; nothing else of the machine runs at it.
+#: Sample rate of the recorder, which affects nothing else.
 SAMPLE_RATE = "sensors.sample_rate"
-#: Fields of a link that have a path; a changed mass keeps the shape and the distribution of the mass.
+#: Fields of a link that have a path. A changed mass scales the moments of inertia, so that the distribution
+#: of the mass stays the same.
 LINK = ("mass", "com", "inertia")
+#: End of a kind of factor whose levels are changes in per cent.
 _RELATIVE = " %"
 _DETECTORS = "detectors"
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number by its path.
+    """A number of a robot's model.
 
     Attributes
     ----------
     path : str
-        ``<section>.<field>``, ``<section>.<field>.<joint>``, ``home.<joint>``, ``links.<joint>.<field>``, of
-        the link that a joint moves, or ``effects.<effect>.<joint>.<parameter>``; a joint by its name or as a
-        study counts axes, ``all`` for all links, or for all joints that have the effect.
+        ``<section>.<field>``, ``<section>.<field>.<joint>``, ``home.<joint>``, ``links.<joint>.<field>`` for
+        the link that a joint moves, or ``effects.<effect>.<joint>.<parameter>``. A joint is given by its name
+        or its number in a study; ``all`` means all links, or all joints that have the effect.
     relative : bool
-        Whether a level is a change in percent of the stated number, not the number itself.
+        Whether a level is a change in per cent of the model's number; otherwise it is the number itself.
     """
 
     path: str
@@ -57,20 +59,21 @@ class Number:
 
     @property
     def sets_motion(self) -> bool:
-        """Whether the planning of reference motions uses the number."""
+        """Whether reference motions are planned with the number."""
         return self._is_in(MOTION_LIMITS)
 
     @property
     def is_known(self) -> bool:
-        """Whether the controller knows the number."""
+        """Whether the controller knows the changed value."""
         return self._is_in(KNOWN)
 
     def _is_in(self, paths: Sequence[str]) -> bool:
+        """Return whether the path is one of `paths` or lies below one."""
         return any(self.path == one or self.path.startswith(f"{one}.") for one in paths)
 
 
 def find_number(kind: str) -> Number | None:
-    """Number of a robot that a kind of factor names; None for every other kind.
+    """Return the number of a robot that a kind of factor names; None for every other kind.
 
     Examples
     --------
@@ -86,23 +89,23 @@ def find_number(kind: str) -> Number | None:
 
 
 def is_detectors(kind: str) -> bool:
-    """Whether a kind of factor names an option of a detector: ``detectors.<name>.<option>``."""
+    """Return whether a kind of factor names an option of a detector: ``detectors.<name>.<option>``."""
     return kind.startswith(f"{_DETECTORS}.")
 
 
 def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> RobotModel:
-    """Model with other numbers, checked as a model file is.
+    """Return a model with changed numbers, checked as a model file is.
 
     Parameters
     ----------
     model : RobotModel
     numbers : sequence of (Number, level)
-        A level is the number itself, in the model's unit, or a change in percent.
+        A level is the number itself, in the model's unit, or a change in per cent.
 
     Raises
     ------
     InputError
-        Where the model has no such number, or cannot have this one.
+        Where the model has no such number, or does not allow the value.
     """
     if not numbers:
         return model
@@ -142,6 +145,7 @@ def set_numbers(model: RobotModel, numbers: Sequence[tuple[Number, float]]) -> R
 def _set_field(
     model: RobotModel, given: dict[str, Any], section: str, rest: Sequence[str], number: Number, level: float
 ) -> dict[str, Any]:
+    """Return a section's content with one field, or one joint's entry of it, changed."""
     known = SECTIONS[section].model_fields
     if not rest or rest[0] not in known:
         raise InputError(f"{section} has {', '.join(known)}")
@@ -165,7 +169,10 @@ def _set_field(
 
 
 def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], number: Number) -> Any:
-    """Value of a field that the model does not state."""
+    """Return the value of a field that the model does not state; refuse a field without a neutral value.
+
+    A limit that is set for all joints gets a placeholder, as its old value does not count.
+    """
     if key in ZERO_WHERE_UNKNOWN and not number.relative:
         return [0.0] * model.n
     if section == "drive" and not place and not number.relative:
@@ -176,6 +183,7 @@ def _assume(model: RobotModel, section: str, key: str, place: Sequence[str], num
 def _set_range(
     model: RobotModel, given: dict[str, Any], section: str, rest: Sequence[str], number: Number, level: float
 ) -> list[float]:
+    """Return `home`, `lower` or `upper` by joint with one entry, or all, changed."""
     lower, upper = model.position_limits
     stated = (
         given.get(section) or {"home": model.home_posture, "lower": lower, "upper": upper}[section].tolist()
@@ -189,7 +197,7 @@ def _set_range(
 def _set_links(
     model: RobotModel, inertias: dict[str, Inertia], rest: Sequence[str], number: Number, level: float
 ) -> None:
-    """Inertias by joint after a number of one link, or of all links, is set."""
+    """Change a number of one link, or of all links, in the inertias by joint."""
     if len(rest) < 2 or rest[1] not in LINK:
         raise InputError(f"a link's is links.<joint>.<field>, and it has {', '.join(LINK)}")
     where, field, *place = rest
@@ -200,7 +208,7 @@ def _set_links(
 
 
 def _change_inertia(old: Inertia, field: str, place: Sequence[str], number: Number, level: float) -> Inertia:
-    """Inertia with another mass (the moments scale with it), another centre of mass, or other moments."""
+    """Return an inertia with another mass (which scales the moments), centre of mass, or moments."""
     if field == "mass":
         if place:
             raise InputError("links.<joint>.mass is one number; end the path there")
@@ -218,7 +226,7 @@ def _change_inertia(old: Inertia, field: str, place: Sequence[str], number: Numb
 def _set_effect(
     model: RobotModel, entries: Sequence[dict[str, Any]], rest: Sequence[str], number: Number, level: float
 ) -> list[dict[str, Any]]:
-    """Entries with a parameter of an effect set at one joint or all; an effect that is not there is added."""
+    """Return the effects with a parameter set at one joint or all; a missing effect is added at one joint."""
     if len(rest) != 3:
         raise InputError("an effect's is effects.<effect>.<joint>.<parameter>")
     name, where, parameter = rest
@@ -245,7 +253,7 @@ def _set_effect(
 def _change_list(
     old: Sequence[float], place: Sequence[str], number: Number, level: float, find: Any
 ) -> list[float]:
-    """A list with one entry changed, or all of them."""
+    """Return a list with one entry changed, or all; `find` turns the entry's name into its index."""
     chosen = range(len(old)) if not place else [find(place[0])]
     if len(place) > 1:
         raise InputError("it goes on after the entry of a list")
@@ -255,11 +263,12 @@ def _change_list(
 
 
 def _change(old: float, number: Number, level: float) -> float:
+    """Return a number at a level, which is its value or a change in per cent."""
     return float(old * (1.0 + level / 100.0) if number.relative else level)
 
 
 def _joint(name: str, model: RobotModel) -> int:
-    """Place of a joint given by its name or as a study counts axes."""
+    """Return the index of a joint, given by its name or by its axis number in a study."""
     if name in model.joints:
         return model.joints.index(name)
     if name.isdecimal() and 1 <= int(name) <= model.n:
@@ -268,7 +277,7 @@ def _joint(name: str, model: RobotModel) -> int:
 
 
 def _index(name: str, model: RobotModel | None = None) -> int:
-    """Place in a short list, from 1."""
+    """Return the index of an entry that is counted from 1."""
     if name.isdecimal() and int(name) >= 1:
         return int(name) - 1
     raise InputError("count the entries of the list from 1")

@@ -1,4 +1,4 @@
-"""The field `servo` of `dataset.yaml`: constants of servos whose own columns tell their torque."""
+"""The field `servo` of `dataset.yaml`: constants from which a servo's recorded columns give its torque."""
 
 from typing import Annotated, Any, Literal
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from wearscope.errors import InputError, explain_breach
 
-#: Columns that each law reads next to the position.
+#: Columns that each law needs in addition to the position.
 COLUMNS = {"voltage": ("goal",), "duty": ("duty",), "current": ("current",)}
 #: Constants that each law needs.
 CONSTANTS = {
@@ -17,7 +17,7 @@ CONSTANTS = {
 
 
 def refuse_bool(value: Any) -> Any:
-    """Refuse a truth value, which would else count as the number 1 or 0."""
+    """Refuse a truth value, which pydantic would otherwise read as 1 or 0."""
     if isinstance(value, bool):
         raise ValueError("should be a number")
     return value
@@ -27,27 +27,27 @@ _Positive = Annotated[float, BeforeValidator(refuse_bool), Field(gt=0.0, allow_i
 
 
 class ServoFields(BaseModel):
-    """A servo.
+    """Constants of a servo.
 
     Attributes
     ----------
     law : str
-        ``voltage``: the drive sets gain times the error of the position as its duty, up to `duty_limit`;
-        ``duty``: the duty is recorded; ``current``: the current is.
+        How the torque is found. ``voltage``: the duty is the gain times the position error, up to
+        `duty_limit`; ``duty``: the duty is recorded; ``current``: the current is recorded.
     kt : float
         Torque constant of the motor [N m/A].
     resistance : float or None
-        [ohm]
+        Resistance of the winding [ohm].
     gain : float or None
-        Duty (1 at full voltage) for each rad or m of error, where no column ``gain_<joint>`` has it.
+        Duty (1 at full voltage) for each rad or m of position error; a column ``gain_<joint>`` replaces it.
     volts : float or None
-        Supply [V], where no column ``volts_<joint>`` has it.
+        Supply voltage [V]; a column ``volts_<joint>`` replaces it.
     gear_ratio : float
         Motor turns for each turn of the joint; 1 where `kt` is that of the output shaft.
     duty_full : float
-        Value of the duty's column at full voltage.
+        Value of the duty column at full voltage.
     duty_limit : float
-        Largest duty that the drive sets, of 1.
+        Largest duty that the drive sets; 1 is full voltage.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -68,12 +68,12 @@ class ServoFields(BaseModel):
 
     @property
     def back_emf(self) -> float:
-        """Torque that the turning motor's own voltage takes away, for each rad/s [N m s/rad]."""
+        """Torque lost to the motor's back-EMF for each rad/s of the joint [N m s/rad]."""
         return 0.0 if self.law == "current" or self.resistance is None else self.constant**2 / self.resistance
 
 
 def read_servos(where: str, stated: Any, joints: list[str]) -> dict[str, ServoFields]:
-    """Servo of each joint that has one.
+    """Read the field `servo`; return the servo of each joint that has one.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def read_servos(where: str, stated: Any, joints: list[str]) -> dict[str, ServoFi
     Raises
     ------
     InputError
-        Where a constant is missing, no positive number or not known, or a joint is not one of the data set's.
+        Where a constant is missing, unknown or not a positive number, or a joint is not in the data set.
     """
     if stated is None:
         return {}
@@ -106,7 +106,7 @@ def read_servos(where: str, stated: Any, joints: list[str]) -> dict[str, ServoFi
 
 
 def read_servo(where: str, stated: dict[str, Any]) -> ServoFields:
-    """One servo of its constants; `InputError` names what is missing or impossible."""
+    """Read one servo from its constants; `InputError` names a constant that is missing or impossible."""
     try:
         servo = ServoFields.model_validate(stated)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Rotations and rigid-body inertias as arrays: what URDF intake and dynamics share; full turns."""
+"""Rotations and rigid-body inertias as arrays, and the unwrapping of angles."""
 
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -10,9 +10,10 @@ from scipy import ndimage
 
 Array = NDArray[np.float64]
 
-# Order of Pinocchio's ten inertial parameters: m, m c (3), then the tensor about the frame's origin.
+# Pinocchio's ten inertial parameters: mass, first moments (3), tensor about the frame's origin (6).
 PARAMETER_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-#: The ways to order three axes and to turn them about, (48, 3) and (48, 1, 3), and their handedness (48,).
+#: The 48 ways to permute three axes and reverse their directions: permutations (48, 3), signs (48, 1, 3), and
+#: determinant of each (48,), which is -1 where it makes a right-handed frame left-handed.
 _ORDERS = np.repeat(list(permutations(range(3))), 8, axis=0)
 _SIGNS = np.tile(list(product((1.0, -1.0), repeat=3)), (6, 1))[:, None, :]
 _HANDS = np.rint(np.linalg.det(np.eye(3)[_ORDERS] * _SIGNS))
@@ -20,15 +21,15 @@ _HANDS = np.rint(np.linalg.det(np.eye(3)[_ORDERS] * _SIGNS))
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass [kg], centre of mass (3,) [m] in a frame, tensor (3, 3) [kg m^2] about it, along its axes."""
+    """Mass [kg], centre of mass (3,) [m], and tensor (3, 3) [kg m^2] about it, along the frame's axes."""
 
     mass: float
     com: Array
     tensor: Array
 
     def to_parameters(self) -> Array:
-        """Ten parameters (10,) in the order of `PARAMETER_NAMES`, the tensor about the frame's origin."""
-        # Pinocchio's own conversion refuses inertias that no body has, which estimates may hold.
+        """Return the parameters (10,) in the order of `PARAMETER_NAMES`, about the frame's origin."""
+        # Pinocchio's own conversion refuses inertias that are not physical, which estimates may be.
         c = self.com
         origin = self.tensor + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
         i, j = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
@@ -36,7 +37,7 @@ class Inertia:
 
     @staticmethod
     def from_parameters(parameters: ArrayLike) -> "Inertia":
-        """Inverse of `to_parameters`; a mass of zero keeps a centre of mass at the origin."""
+        """Return the inertia of parameters (10,); with a mass of 0 the centre of mass is the origin."""
         pi = np.asarray(parameters, dtype=float)
         mass = float(pi[0])
         com = pi[1:4] / mass if mass != 0.0 else np.zeros(3)
@@ -44,13 +45,13 @@ class Inertia:
         return Inertia(mass, com, origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
     def moved(self, rotation: Array, translation: Array) -> "Inertia":
-        """Express the inertia in a frame in which this one sits at `rotation` (3, 3), `translation` (3,)."""
+        """Return the inertia in another frame, where this one has the pose `rotation`, `translation`."""
         tensor = rotation @ self.tensor @ rotation.T
         return Inertia(self.mass, rotation @ self.com + translation, 0.5 * (tensor + tensor.T))
 
 
 def add_inertias(inertias: list[Inertia]) -> Inertia:
-    """One rigid body made of several that are expressed in the same frame."""
+    """Return the inertia of several bodies that are rigidly connected, all in the same frame."""
     mass = sum(i.mass for i in inertias)
     com = sum((i.mass * i.com for i in inertias), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
     tensor = np.zeros((3, 3))
@@ -69,17 +70,17 @@ def matrix_to_rpy(rotation: Array) -> Array:
     """Roll, pitch, yaw (3,) [rad] of a rotation matrix, accurate at pitch +-90 degrees as well."""
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    # The roll that belongs to this very yaw: at pitch +-90 degrees only their combination is determined.
+    # At pitch +-90 degrees only a combination of roll and yaw is determined; roll is computed for this yaw.
     s, c = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], -s * rotation[0, 1] + c * rotation[1, 1])
     return np.array([roll, pitch, yaw])
 
 
 def diagonalise_tensor(tensor: Array) -> tuple[Array, Array]:
-    """Principal moments (3,) and the rotation (3, 3) of the principal frame, the one nearest to the identity.
+    """Return principal moments (3,) and the rotation (3, 3) of the principal frame nearest to the identity.
 
-    A tensor that is diagonal already comes back as it is. The nearest frame keeps roll, pitch and yaw away
-    from the pole.
+    A diagonal tensor is returned with the identity. The nearest frame keeps the pitch away from +-90 degrees,
+    where roll and yaw are not determined.
     """
     if not np.any(tensor[np.triu_indices(3, 1)]):
         return np.diag(tensor).copy(), np.eye(3)
@@ -101,16 +102,17 @@ def pseudo_inertia(parameters: ArrayLike) -> Array:
     return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
 
 
-#: A jump is a step that differs from a full turn by less than the first share of a turn. Where the position
-#: stays within a turn, it is any step larger than the second share.
+#: Shares of a turn. A step of the position is a jump where it equals a full turn within `_NEAR`. Where the
+#: whole recording stays within one turn, every step above `_HALF` is a jump.
 _NEAR, _HALF = 0.05, 0.5
 
 
 def unwrap_turns(x: Array, turn: float = 2.0 * np.pi) -> tuple[Array, int]:
-    """Position (N,) without its jumps of a full turn, and how many there were.
+    """Remove the jumps of a full turn from a position (N,); return it and the number of jumps.
 
-    Where the position stays within a turn, every step of more than half a turn is a jump too, as between
-    samples that lie far apart.
+    The usual motion around a step is subtracted before the step is compared with a turn. Where the recording
+    contains such a jump and stays within one turn, every step above half a turn is a jump too: samples may
+    lie so far apart that the joint moves on during the jump.
     """
     step = np.diff(x)
     if not (np.abs(step) > _HALF * turn).any():

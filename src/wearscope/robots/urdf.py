@@ -1,9 +1,9 @@
-"""URDF files read into a tree of links and joints, normalised, and written back.
+"""Reads URDF files into a tree of links and joints, normalises them, and writes them back.
 
-A maker's file becomes one that Pinocchio, PyBullet and MuJoCo read alike: visuals and collisions go, fixed
-and locked links are lumped into their parents, every link left gets its inertial frame along the principal
-axes, continuous joints become revolute ones with wide limits, and the root has no mass, which fixes it to the
-world in PyBullet.
+A normalised file means the same to Pinocchio, PyBullet and MuJoCo. Visuals and collisions are removed. Links
+behind fixed or locked joints are merged into their parents. The inertial frame of every link lies along its
+principal axes. Continuous joints become revolute joints with wide limits. The root has no mass, which fixes
+it to the world in PyBullet.
 """
 
 import math
@@ -27,7 +27,7 @@ from wearscope.robots.spatial import (
     rpy_to_matrix,
 )
 
-# A limit that a URDF leaves open (continuous joints, no effort or velocity given).
+# Value of a limit that a URDF does not state: position of continuous joints, effort or velocity.
 OPEN_LIMIT = 1e9
 MOVABLE = ("revolute", "continuous", "prismatic")
 #: Elements that a joint has at most once.
@@ -60,9 +60,9 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as the URDF states it; limits are open where it states none.
+    """A joint as the URDF states it; a limit that it does not state is `OPEN_LIMIT`.
 
-    `friction` [N m or N] and `damping` [N m s/rad or N s/m] are NaN where it states none, or none above 0.
+    `friction` [N m or N] and `damping` [N m s/rad or N s/m] are NaN where the URDF states no value above 0.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Tree:
-    """Links and joints of one robot; the joints stand parents first."""
+    """Links and joints of one robot; a joint comes after the joints that carry it."""
 
     name: str
     root: str
@@ -91,6 +91,7 @@ class Tree:
 
 
 def _numbers(element: ET.Element | None, key: str, default: str, count: int, where: str) -> tuple[float, ...]:
+    """Read the numbers of an attribute; refuse another count, and values that are not finite or too large."""
     text = default if element is None else element.get(key, default)
     try:
         values = tuple(float(word) for word in text.split())
@@ -104,7 +105,7 @@ def _numbers(element: ET.Element | None, key: str, default: str, count: int, whe
 
 
 def _read_name(element: ET.Element, source: str, default: str = "") -> str:
-    """Name of an element, which simulators cannot hold where it is long."""
+    """Read the name of an element; refuse an empty one, and one that is too long for simulators."""
     name = element.get("name") or default
     if not name or len(name) > limits.NAME:
         told = f"has more than {limits.NAME} characters" if name else "is empty"
@@ -113,11 +114,13 @@ def _read_name(element: ET.Element, source: str, default: str = "") -> str:
 
 
 def _read_pose(element: ET.Element, where: str) -> Pose:
+    """Read the origin of an element; zero where it states none."""
     origin = element.find("origin")
     return Pose(_numbers(origin, "xyz", "0 0 0", 3, where), _numbers(origin, "rpy", "0 0 0", 3, where))
 
 
 def _read_link(element: ET.Element, source: str) -> Link:
+    """Read a link's name and inertial data."""
     name = _read_name(element, source)
     where = f"{source}: link '{name}'"
     inertial = element.find("inertial")
@@ -132,6 +135,7 @@ def _read_link(element: ET.Element, source: str) -> Link:
 
 
 def _read_joint(element: ET.Element, source: str) -> Joint:
+    """Read a joint; refuse an unknown type, an axis of length 0 and limits in the wrong order."""
     name, kind = _read_name(element, source), element.get("type") or ""
     where = f"{source}: joint '{name}'"
     parent, child = element.find("parent"), element.find("child")
@@ -172,7 +176,7 @@ def _read_joint(element: ET.Element, source: str) -> Joint:
 
 
 def _read_dynamics(element: ET.Element, key: str) -> float:
-    """Number of a joint's ``dynamics``; NaN where it is no number above 0."""
+    """Read friction or damping of a joint; NaN where it is not a number above 0."""
     try:
         number = float(element.find("dynamics").get(key, "nan"))  # type: ignore[union-attr]
     except (AttributeError, ValueError):
@@ -181,7 +185,7 @@ def _read_dynamics(element: ET.Element, key: str) -> float:
 
 
 def read_urdf(text_or_path: str | Path) -> tuple[str, str]:
-    """Text of a URDF and the name to call it by in messages; a string that starts with ``<`` is the text.
+    """Return the text of a URDF and its name in messages; a string that starts with ``<`` is the text itself.
 
     Raises
     ------
@@ -194,7 +198,7 @@ def read_urdf(text_or_path: str | Path) -> tuple[str, str]:
 
 
 def parse_urdf(text_or_path: str | Path) -> Tree:
-    """Read links and joints; meshes are never opened.
+    """Read the links and joints of a URDF; meshes are never opened.
 
     Raises
     ------
@@ -203,7 +207,7 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
         form one tree.
     """
     text, source = read_urdf(text_or_path)
-    # Entities, which may grow without bounds or name other files, can be declared nowhere else.
+    # Only a DOCTYPE can declare entities, which may expand without bounds or include other files.
     if "<!DOCTYPE" in text:
         raise InputError(f"{source}: holds a DOCTYPE, which no URDF needs; remove it.")
     try:
@@ -225,7 +229,7 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
             raise InputError(f"{source}: link name '{link.name}' is used twice; give each link its own.")
         links[link.name] = link
     joints: dict[str, Joint] = {}
-    # Simulators weld a base to a frame of this name that nobody declares.
+    # Simulators accept a joint to the frame "world" although no link of this name is declared.
     if "world" not in links and any(one.get("link") == "world" for one in robot.findall("joint/parent")):
         links["world"] = Link("world")
     for element in robot.findall("joint"):
@@ -247,6 +251,7 @@ def parse_urdf(text_or_path: str | Path) -> Tree:
 
 
 def _order_tree(links: Mapping[str, Link], joints: list[Joint], source: str) -> tuple[str, list[Joint]]:
+    """Return the root link and the joints, parents first; refuse links that do not form one tree."""
     children = [joint.child for joint in joints]
     for child in children:
         if children.count(child) > 1:
@@ -276,12 +281,14 @@ def _order_tree(links: Mapping[str, Link], joints: list[Joint], source: str) -> 
 
 
 def _make(tag: str, attributes: dict[str, str], *children: ET.Element) -> ET.Element:
+    """Make an XML element with its children."""
     node = ET.Element(tag, attributes)
     node.extend(children)
     return node
 
 
 def _write(values: Sequence[float]) -> str:
+    """Write numbers with all their digits, separated by blanks."""
     # Adding zero turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
 
@@ -313,16 +320,16 @@ def _make_joint(joint: Joint, damping: float, friction: float) -> ET.Element:
 
 
 def write_link(link: Link) -> str:
-    """Text of a link as `write_urdf` has it."""
+    """Return the text of a link exactly as `write_urdf` writes it."""
     node = _make_link(link)
     ET.indent(node, level=1)
     return ET.tostring(node, encoding="unicode")
 
 
 def write_urdf(tree: Tree, dynamics: Mapping[str, tuple[float, float]] | None = None) -> str:
-    """Text of a normalised tree; numbers with as many digits as they have.
+    """Return the text of a normalised tree; numbers keep all their digits.
 
-    `dynamics` has the damping and friction of joints by name; those of the others are zero.
+    `dynamics` gives damping and friction by joint name; they are 0 for the other joints.
     """
     links = [Link(tree.root) if link.name == tree.root else link for link in tree.links.values()]
     joints = [_make_joint(joint, *(dynamics or {}).get(joint.name, (0.0, 0.0))) for joint in tree.joints]
@@ -331,22 +338,24 @@ def write_urdf(tree: Tree, dynamics: Mapping[str, tuple[float, float]] | None = 
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-# Mass and moment of a massless movable link where `strict` is off: too small to matter, enough to divide by.
+# Mass [kg] and moment [kg m^2] that a massless moving link gets where `strict` is off. They are too small to
+# matter and large enough to divide by.
 TINY_MASS, TINY_MOMENT = 1e-4, 1e-6
-# A principal moment may exceed the sum of the other two by this share (rounded figures): corrected silently.
+# A principal moment may exceed the sum of the other two by this share, as rounded numbers do; it is corrected
+# without a note.
 TRIANGLE_TOLERANCE = 1e-3
-# The share of the trace kept between a principal moment and the sum of the other two: PyBullet sets a tensor
-# that breaks the triangle inequality by rounding to zero.
+# A principal moment stays below the sum of the other two by at least this share of the trace. PyBullet would
+# set a tensor to zero that breaks this triangle inequality, if only by rounding.
 TRIANGLE_MARGIN = 1e-9
 
 
 def movable_joints(tree: Tree) -> list[str]:
-    """Names of the joints that move on their own, parents first."""
+    """Return the names of the joints with a motor of their own (movable and not mimicking), parents first."""
     return [joint.name for joint in tree.joints if joint.kind in MOVABLE and joint.mimics is None]
 
 
 def free_joints(tree: Tree) -> tuple[list[str], list[str]]:
-    """Joints that move on their own, parents first: those that no joint follows, and notes on the others."""
+    """Return the movable joints that no other joint mimics, parents first, and notes on those left out."""
     followed = {joint.mimics for joint in tree.joints}
     every = movable_joints(tree)
     notes = [
@@ -356,6 +365,7 @@ def free_joints(tree: Tree) -> tuple[list[str], list[str]]:
 
 
 def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
+    """Refuse joints that do not exist, cannot move, are named twice, mimic others or are mimicked."""
     by_name = {joint.name: joint for joint in tree.joints}
     if not joints:
         raise InputError(f"{source}: no movable joint; name a URDF with revolute or prismatic joints.")
@@ -387,7 +397,7 @@ def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
 
 
 def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tuple[Link, str | None]:
-    """Return the body, corrected where that is allowed, and a note that says what was corrected."""
+    """Check a body's mass and inertia; return it, corrected where that is allowed, and a note on that."""
     where = f"{source}: link '{link.name}'"
     if len(parts) > 1:
         where += f" (with {', '.join(repr(part) for part in parts[1:])})"
@@ -400,7 +410,8 @@ def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tupl
             replace(link, mass=TINY_MASS, tensor=TINY_MOMENT * np.eye(3)),
             f"link '{link.name}' has no mass; it was given {TINY_MASS:g} kg",
         )
-    # Half the trace less a principal moment is the second moment of mass along its axis: never negative.
+    # Half the trace minus a principal moment is the integral of x^2 dm along that axis, which is not
+    # negative.
     second = 0.5 * np.trace(link.tensor) - np.diag(link.tensor)
     floor = TRIANGLE_MARGIN * max(abs(float(np.trace(link.tensor))), TINY_MOMENT)
     if np.all(second >= floor):
@@ -427,7 +438,10 @@ def _check_body(link: Link, parts: list[str], strict: bool, source: str) -> tupl
 def _place_bodies(
     tree: Tree, joints: Sequence[str], locked: Mapping[str, float]
 ) -> tuple[dict[str, list[tuple[str, Array, Array]]], list[Joint]]:
-    """Links, each with its pose, by the body that carries them, and the joints between bodies."""
+    """Group the links into bodies; return each body's links with their poses, and the joints that move.
+
+    A body is a link behind a moving joint, with all links that are rigidly connected to it.
+    """
     carrier = {tree.root: (tree.root, np.eye(3), np.zeros(3))}
     bodies: dict[str, list[tuple[str, Array, Array]]] = {tree.root: [(tree.root, np.eye(3), np.zeros(3))]}
     kept: list[Joint] = []
@@ -453,6 +467,7 @@ def _place_bodies(
 
 
 def _lump(tree: Tree, name: str, parts: list[tuple[str, Array, Array]]) -> Link:
+    """Merge the links of a body into one; a link that is alone and has principal axes is kept unchanged."""
     own = tree.links[name]
     heavy = [part for part in parts if tree.links[part[0]].mass or np.any(tree.links[part[0]].tensor)]
     if [part[0] for part in heavy] == [name] and not np.any(own.tensor[np.triu_indices(3, 1)]):
@@ -467,7 +482,7 @@ def normalise_tree(
     strict: bool = True,
     locked: Mapping[str, float] | None = None,
 ) -> tuple[Tree, list[str]]:
-    """As `normalise_urdf`, with joints locked at given angles; returns the tree and what was corrected."""
+    """Normalise as `normalise_urdf`, with joints `locked` at given positions; return the tree and notes."""
     tree = parse_urdf(text_or_path)
     source = read_urdf(text_or_path)[1]
     wanted = movable_joints(tree) if joints is None else list(joints)
@@ -504,24 +519,26 @@ def normalise_tree(
 
 
 def normalise_urdf(text_or_path: str | Path, joints: Sequence[str] | None = None, strict: bool = True) -> str:
-    """Bring a URDF into the form that every engine reads alike.
+    """Normalise a URDF, so that it means the same to every simulator; see the module's description.
 
     Parameters
     ----------
     text_or_path : str or Path
         The XML, or the path of the file.
     joints : sequence of str, optional
-        The joints that move, in the order wanted; every other one is locked at 0. By default all that can.
+        Joints that move, in the wanted order; every other joint is locked at 0. By default all movable
+        joints.
     strict : bool
-        Refuse a moving link whose mass or inertia is missing or not physical (after lumping). Otherwise a
-        massless link gets a tiny mass, and an impossible tensor the nearest possible one.
+        Whether to refuse a moving link whose mass or inertia, after merging, is missing or not physical.
+        Otherwise a massless link gets a tiny mass, and an impossible tensor is replaced by the nearest
+        possible one.
 
     Returns
     -------
     str
-        URDF text: the root without mass, one link and one joint for each of `joints`, in that order, with the
-        links' and joints' own names, frames and limits; principal inertias; no visuals, collisions, damping
-        or friction. Normalising it again returns the same text.
+        URDF text: a root without mass, and one link and one joint for each of `joints`, in that order. Names,
+        frames and limits are those of the original. It has no damping or friction. Normalising it again
+        returns the same text.
 
     Raises
     ------
@@ -532,14 +549,14 @@ def normalise_urdf(text_or_path: str | Path, joints: Sequence[str] | None = None
 
 
 def make_link(name: str, inertia: Inertia) -> Link:
-    """Link whose inertial frame lies along the principal axes of an inertia given in the link's frame."""
+    """Return a link with an inertia that is given in the link's frame; its inertial frame is principal."""
     moments, axes = diagonalise_tensor(inertia.tensor)
     rpy = (0.0, 0.0, 0.0) if np.array_equal(axes, np.eye(3)) else tuple(matrix_to_rpy(axes))
     return Link(name, Pose(tuple(inertia.com), rpy), inertia.mass, np.diag(moments))
 
 
 def replace_inertias(urdf_text: str, inertias: Mapping[str, Inertia]) -> str:
-    """Text of a normalised URDF with other inertias, given by joint name in the frame of the joint's link."""
+    """Return a normalised URDF with other inertias, given by joint name in the frame of the joint's link."""
     tree = parse_urdf(urdf_text)
     changed = {
         joint.child: make_link(joint.child, inertias[joint.name])

@@ -1,1 +1,1 @@
-"""What `wearscope new` writes: models, data sets, test-cycles, detectors, effects, studies to start from."""
+"""Files that `wearscope new` writes: robot models, data sets, test-cycles, detectors, effects and studies."""

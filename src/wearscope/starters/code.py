@@ -1,4 +1,4 @@
-"""Files of own code to start from, each with a test of its own."""
+"""Writes the first version of a user's detector, effect or test-cycle, each with its test."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,8 +9,9 @@ from wearscope.effects.vocabulary import list_effects
 from wearscope.errors import InputError
 from wearscope.starters.writing import check_identifier, fill_template, write_files
 
-#: Via points of a test-cycle for which none is given: shares of the range.
+#: Via points of a test-cycle where the user gives none, as shares of each joint's range.
 VIA = ((0.4, -0.3, 0.4, 0.3, -0.4, 0.5), (-0.4, 0.2, -0.2, -0.4, 0.3, -0.4), (0.2, 0.3, -0.4, 0.1, -0.2, 0.3))
+#: Units of via points, and how the written test-cycle describes them.
 UNITS = {
     "share": "as shares of the way from home (0) to the lower (-1) or upper (1) end of the range",
     "rad": "in rad (m where a joint slides)",
@@ -29,7 +30,7 @@ def write_effect(name: str, folder: Path) -> list[Path]:
     Raises
     ------
     InputError
-        Where the vocabulary has that name.
+        Where the platform has an effect of that name.
     """
     if name in {one.name for one in list_effects()}:
         raise InputError(f"effect '{name}': is the platform's own; choose another name.")
@@ -37,6 +38,7 @@ def write_effect(name: str, folder: Path) -> list[Path]:
 
 
 def _write_pair(kind: str, name: str, folder: Path, **values: object) -> list[Path]:
+    """Fill the templates of a kind of code and of its test; return the paths of both files."""
     title = "".join(part.capitalize() for part in name.split("_"))
     paths = folder / f"{name}.py", folder / f"test_{name}.py"
     texts = (fill_template(f"{part}.py", name=name, title=title, **values) for part in (kind, f"test_{kind}"))
@@ -54,13 +56,13 @@ def write_cycle(
     name : str
     folder : Path
     points : sequence of sequence of float
-        A number a joint; what is left out stays at home.
+        For each point one number for each joint; a joint without a number stays at its home position.
     unit : str
-        Of `UNITS`.
+        A key of `UNITS`.
     speed : float
         Share of the robot's speed limits.
     robot : str
-        Robot that the test tries it on.
+        Robot on which the written test runs the test-cycle.
 
     Returns
     -------
@@ -69,7 +71,7 @@ def write_cycle(
     Raises
     ------
     InputError
-        Where a point or the speed is none.
+        Where a point or the speed is not valid.
     """
     check_identifier(name, "test-cycle")
     if not 0.0 < speed <= 1.0:
@@ -94,11 +96,12 @@ def write_cycle(
 
 
 def parse_points(texts: Sequence[str]) -> list[list[float]]:
-    """Via points written as numbers between blanks or commas.
+    """Read via points, each a text of numbers separated by blanks or commas.
 
     Raises
     ------
     InputError
+        Where a text holds anything but numbers.
     """
     points = []
     for text in texts:
@@ -112,11 +115,12 @@ def parse_points(texts: Sequence[str]) -> list[list[float]]:
 
 
 def read_points(path: Path) -> list[list[float]]:
-    """Via points of a text file, a point a row; rows that begin with ``#`` or a letter are left out.
+    """Read the via points of a text file, one point a row; rows that begin with no number are left out.
 
     Raises
     ------
     InputError
+        Where the file cannot be read, or a row holds anything but numbers.
     """
     from wearscope.robots.model_file import read_text
 

@@ -1,4 +1,8 @@
-"""Finds the column of each signal and joint in a recording by the columns' names."""
+"""Finds the column of each signal and joint in a recording by the columns' names.
+
+A name is split into words. Words tell the kind of the signal, the joint (by its name or number), the unit,
+and whether the values were measured or commanded.
+"""
 
 import fnmatch
 import re
@@ -10,9 +14,11 @@ import numpy as np
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 
-#: Units of a share of the rated torque or current.
+#: Units of a torque or current that is stated relative to the rated one.
 SHARES = ("%", "‰", "permille", "percent", "pct")
+#: Kinds of signal that are looked for in every recording.
 KINDS = ("position", "velocity", "torque", "current", "temperature")
+#: Words in columns' names, English and others, that tell the kind of the signal.
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
     "encoders enc pulse pulses lage th",
@@ -24,16 +30,20 @@ _WORDS = {
     "current": "i iq current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
-#: Words that stand in a servo's own columns alone.
+#: Words that occur only in the columns of servos, by kind.
 _SERVO = {
     "duty": set("duty pwm load".split()),
     "volts": set("volt volts voltage voltages".split()),
     "on": set("enable enabled".split()),
 }
+#: Kind by word.
 _KIND = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+#: Words long enough to be found at the end of a compound word, the longest first.
 _LONG = sorted((word for word in _KIND if len(word) >= 5), key=len, reverse=True)
-#: Words written together with a kind, before or after it: jointpos, lageistwert.
+#: Words that are written together with a kind: before it, as in jointpos; or after it, as in lageistwert.
+#: Those after it are mapped to the German word for actual (ist) or target (soll).
 _BEFORE, _AFTER = ("joint", "jnt", "axis", "motor", "actuator"), {"istwert": "ist", "sollwert": "soll"}
+#: Words of measured values, of commanded values, and of signals that are something else than a joint's.
 _ACTUAL = set("actual act measured meas msr fbk fdb fb feedback real ist ai".split())
 _TARGET = set(
     "target desired des d cmd command commanded ref reference setpoint set goal plan planned soll consigne "
@@ -43,7 +53,7 @@ _OTHER = set(
     "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
     "estimated model simulated ff feedforward".split()
 )
-#: Words of columns that name a joint but no kind; such a column is the position.
+#: A column whose words are all among these names a joint but no kind; it is taken for the position.
 _BARE = (
     _ACTUAL
     | _TARGET
@@ -53,10 +63,10 @@ _TIME = set(
     "t ts time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel ipoc".split()
 )
 _SECONDS = set("sec secs second seconds sekunden".split())
-#: Turns by the minute, as drives' makers write them.
+#: Revolutions per minute, as makers of drives write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
-#: Units that columns' names hold, by kind, as factors to rad (m), rad/s, N m (N) and A. A share of a rated
-#: torque is no unit.
+#: Factor from a unit in a column's name to rad or m, rad/s, N m or N, and A. A share of a rated value has the
+#: factor 1, as its unit depends on the drive.
 _FACTORS = {
     "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295, "degree": 0.017453292519943295,
     "degrees": 0.017453292519943295, "grad": 0.017453292519943295,
@@ -76,25 +86,28 @@ _UNITS_OF = {
     "current": {"ma", "a", *SHARES},
     "temperature": set(),
 }
+#: A bare column names no kind and is taken for the position.
 _UNITS_OF["bare"] = _UNITS_OF["position"]
+#: Unit at the end of a name, as in q1_deg; and texts in brackets.
 _SUFFIX = re.compile(r"_([A-Za-z]+(?:/[A-Za-z]+)?)$")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
 
-#: Columns by their words, and by joint.
+#: Columns in sets: those that differ only in the joint's name or number share the other words, which are the
+#: key. Within a set, column by joint index or number.
 _Taken = dict[tuple[str, ...], dict[int, str]]
 
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of one kind, one a joint.
+    """Columns of one kind, one for each joint.
 
     Attributes
     ----------
     kind : str
-        Of `KINDS`.
+        One of `KINDS`, or a kind of a servo's columns.
     columns : tuple of str
-        In the joints' order.
+        Columns in the order of the joints.
     """
 
     kind: str
@@ -102,33 +115,33 @@ class Group:
 
     @property
     def units(self) -> list[str]:
-        """Different units that the names hold."""
+        """Units that the names state, each once."""
         return [unit for unit in dict.fromkeys(find_unit(one, self.kind) for one in self.columns) if unit]
 
     @property
     def unknown(self) -> str:
-        """Text in brackets that all names share, where it is no unit; else empty."""
+        """Text in brackets that all names share and that is no known unit; empty where there is none."""
         texts = {text for one in self.columns for text in _BRACKETS.findall(one)}
         text = min(texts, default="")
         return text if len(texts) == 1 and not self.units and re.fullmatch(r"\D*[^\W\d]\D*", text) else ""
 
     @property
     def factors(self) -> Array:
-        """Factors (n,) to rad, m, rad/s, N m, N or A; 1 where a name has no unit."""
+        """Factors (n,) from the named units to rad, m, rad/s, m/s, N m, N or A; 1 without a unit."""
         units = [find_unit(one, self.kind) for one in self.columns]
         by_minute = np.array([60.0 if unit.endswith("/min") else 1.0 for unit in units])
         return np.array([_FACTORS.get(unit.removesuffix("/min"), 1.0) for unit in units]) / by_minute
 
 
 def split_name(name: str) -> list[str]:
-    """Words and numbers of a column's name, in small letters: ``actual_q_0`` -> actual, q, 0."""
+    """Split a column's name into words and numbers in small letters: ``actual_q_0`` -> actual, q, 0."""
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
     words = re.findall(r"[a-zµäöü]+|\d+|%", spaced.lower())
     return [part for word in words for part in _split_compound(word)]
 
 
 def _split_compound(word: str) -> list[str]:
-    """Parts of a word that ends with one of a kind: istposition -> ist, position."""
+    """Split a compound word that ends with a word of a kind: istposition -> ist, position."""
     if word in _KIND:
         return [word]
     for end, mark in _AFTER.items():
@@ -143,7 +156,7 @@ def _split_compound(word: str) -> list[str]:
 
 
 def find_unit(name: str, kind: str) -> str:
-    """Unit that a column's name ends with, or has in brackets or as a word; empty where it has none."""
+    """Find the unit in a column's name: in brackets, at its end, or as a word; empty where there is none."""
     name = name.replace("_per_", "/")
     # A single letter within a name more often names a joint or an axis than a unit.
     inner = [word for word in re.split(r"[^A-Za-z]+", name) if len(word) > 1]
@@ -157,14 +170,14 @@ def find_unit(name: str, kind: str) -> str:
 
 
 def _split_unit(text: str) -> tuple[str, str]:
-    """Unit split at the time: ``deg/s`` -> deg, s."""
+    """Split a unit at the slash into the unit and its time: ``deg/s`` -> deg, s."""
     one, _, time = text.lower().replace("°", "deg").partition("/")
     unit = re.sub(r"[^a-z%‰]", "", one)
     return unit[:1] if unit.startswith(("%", "‰")) else unit, time.strip()
 
 
 def _kind_by_unit(name: str) -> str | None:
-    """Kind of a column by the unit in its brackets or at its end; None unless exactly one kind fits."""
+    """Tell a column's kind by the unit in brackets or at its end; None unless exactly one kind fits."""
     for text in [*_BRACKETS.findall(name), *(one for one in _SUFFIX.findall(name) if len(one) > 1)]:
         word, time = _split_unit(text)
         kinds = ("velocity",) if time in ("s", "sec", "min") else ("position", "torque", "current")
@@ -175,13 +188,14 @@ def _kind_by_unit(name: str) -> str | None:
 
 
 def _without_unit(name: str, kind: str) -> str:
+    """Return a column's name without the unit in brackets or at its end."""
     name = re.sub(r"[\[(][^\])\d]*[\])]", " ", name)
     suffix = _SUFFIX.findall(name)
     return _SUFFIX.sub(" ", name) if suffix and suffix[0].lower() in _UNITS_OF.get(kind, set()) else name
 
 
 def tell_kind(words: Sequence[str]) -> str | None:
-    """Kind of a column with these words; None where the words do not tell."""
+    """Tell a column's kind by its words; None where no word tells it."""
     kinds = [_KIND[word] for word in words if word in _KIND]
     if not kinds:
         return None
@@ -192,7 +206,7 @@ def tell_kind(words: Sequence[str]) -> str | None:
 
 
 def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
-    """Whether a column with these words, its joint's left out, is of a kind."""
+    """Return whether a column is of a kind, judged by its words without those of the joint."""
     told = tell_kind(words)
     if kind == "bare":
         return (
@@ -208,7 +222,7 @@ def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
 
 
 def _take_out(words: Sequence[str], part: Sequence[str]) -> list[str] | None:
-    """Words without a part of them; None where it is no part."""
+    """Remove successive words from a list of words; None where the list does not contain them."""
     places = range(len(words) - len(part) + 1)
     k = next((k for k in places if list(words[k : k + len(part)]) == list(part)), None)
     return None if k is None else [*words[:k], *words[k + len(part) :]]
@@ -217,24 +231,25 @@ def _take_out(words: Sequence[str], part: Sequence[str]) -> list[str] | None:
 def find_groups(
     columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
 ) -> list[Group]:
-    """Complete sets of columns of a kind, the likeliest first.
+    """Find the sets of columns of a kind that have one column for each joint, the likeliest set first.
 
     Parameters
     ----------
     columns, joints : sequence of str
     kind : str
-        Of `KINDS`, or a servo's duty, volts or on.
+        One of `KINDS`, or a servo's duty, volts or on.
     movable : sequence of str
-        All that move, where columns may be numbered by them and `joints` are a part.
+        All movable joints of the robot. Where `joints` are only some of them, the columns may be numbered
+        over all.
 
     Returns
     -------
     list of Group
-        Measured before unmarked before commanded values.
+        Measured values come first, then values whose names do not tell, then commanded values.
     """
     names = _own_words(joints)
     by_name: _Taken = {}
-    by_number = _number(columns, kind)
+    by_number = _find_numbered(columns, kind)
     for column in columns:
         words = split_name(_without_unit(column, kind))
         matches = [
@@ -253,7 +268,7 @@ def find_groups(
             by_name.setdefault(tuple(words), {})[0] = column
     found = _complete(by_number, by_name, len(joints))
     if not found:
-        # Of a joint that slides the torque is a force.
+        # A set may mix synonyms: the torque of a prismatic joint is named a force.
         found = _complete(_merge(by_number), _merge(by_name), len(joints))
     if not found and set(joints) < set(movable):
         return [_pick(one, joints, movable) for one in find_groups(columns, movable, kind)]
@@ -264,12 +279,12 @@ def find_groups(
 
 
 def _pick(whole: Group, joints: Sequence[str], movable: Sequence[str]) -> Group:
-    """The columns of some of the joints that move."""
+    """Pick the columns of some joints from those of all movable joints."""
     return Group(whole.kind, tuple(whole.columns[movable.index(joint)] for joint in joints))
 
 
 def _merge(taken: _Taken) -> _Taken:
-    """Columns by their words, synonyms of a kind merged; a joint has one column for each kind."""
+    """Merge sets whose words differ only by synonyms of one kind; the first column of a joint is kept."""
     merged: _Taken = {}
     for words, own in taken.items():
         other = merged.setdefault(tuple(_KIND.get(word, word) for word in words), {})
@@ -278,7 +293,7 @@ def _merge(taken: _Taken) -> _Taken:
 
 
 def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Sets of columns that have one for each joint, with their words."""
+    """Return the sets that have a column for each joint: their words by their columns."""
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
     for rest, taken in by_number.items():
         first = 0 if 0 in taken else 1
@@ -288,15 +303,15 @@ def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...
     for named, taken in by_name.items():
         if len(taken) == n:
             chosen = tuple(taken[k] for k in range(n))
-            # Where columns count from 0 and joints from 1, one column would have no joint: then the numbers
-            # decide, not the names.
+            # Columns may count from 0 while the joints' names count from 1. Matched by name, every column
+            # would belong to the wrong joint and column 0 to none. So the numbers decide.
             if not any(0 in one and set(chosen) < set(one.values()) for one in by_number.values()):
                 found[chosen] = named
     return found
 
 
-def _number(columns: Sequence[str], kind: str) -> _Taken:
-    """Columns of a kind by their words and their numbers."""
+def _find_numbered(columns: Sequence[str], kind: str) -> _Taken:
+    """Return the numbered columns of a kind in sets; within a set, column by the last number in its name."""
     by_number: _Taken = {}
     for column in columns:
         words = split_name(_without_unit(column, kind))
@@ -308,17 +323,21 @@ def _number(columns: Sequence[str], kind: str) -> _Taken:
 
 
 def count_numbered(columns: Sequence[str]) -> int:
-    """Number of the likeliest position columns that are numbered without a gap; 0 where there are none."""
+    """Count the columns of the likeliest set of positions that is numbered without a gap; 0 without a set."""
     counts = {
         rest: len(taken)
-        for rest, taken in _number(columns, "position").items()
+        for rest, taken in _find_numbered(columns, "position").items()
         if set(taken) in ({*range(len(taken))}, {*range(1, len(taken) + 1)})
     }
     return counts[min(counts, key=lambda rest: _rank(rest, "position"))] if counts else 0
 
 
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
-    """Words of each joint's name, without numbers and without words that all joints share."""
+    """Return for each joint the word lists by which a column may name it.
+
+    These are all words of its name; those that other joints do not share; and, where they still tell the
+    joints apart, the latter without numbers.
+    """
     names = [split_name(joint) for joint in joints]
     common = set.intersection(*map(set, names)) if len(names) > 1 else set()
     short = [[word for word in name if word not in common] for name in names]
@@ -331,7 +350,7 @@ def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
 
 
 def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Joints whose names stand in columns of positions."""
+    """Return the joints that a position column names."""
     words = {column: split_name(_without_unit(column, "position")) for column in columns}
     own = {joint: split_name(joint) for joint in joints}
     return [
@@ -345,10 +364,11 @@ def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
 
 
 def _rank(words: Sequence[str], kind: str) -> int:
+    """Rank a set of columns by its words; the likeliest measured signal has the lowest rank."""
     marks = set(words)
-    # Where both sides of the gear have an encoder, the one behind the gear gives the joint's motion.
+    # Where both sides of the gear have an encoder, the one at the output gives the joint's motion.
     before_gear = kind in ("position", "velocity") and "motor" in marks
-    # Next to dq, qd is the desired position.
+    # Next to columns dq (speed), columns qd are the desired position.
     worse = 2 * bool(marks & _TARGET or before_gear) + (kind == "velocity" and "qd" in marks)
     return 4 * bool(marks & _OTHER) + worse - bool(marks & _ACTUAL)
 
@@ -356,12 +376,15 @@ def _rank(words: Sequence[str], kind: str) -> int:
 def match_pattern(
     pattern: str, columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
 ) -> Group:
-    """Columns of a pattern in which ``*`` is a joint's name or number (among all movable joints, if it fits).
+    """Find the columns that a user's pattern names, or a list of columns separated by commas.
+
+    In a pattern ``*`` is the joint's name or its number, counted from 0 or 1. The numbers count all movable
+    joints where such columns exist, else `joints`.
 
     Raises
     ------
     InputError
-        Where it does not name one column a joint.
+        Where the pattern does not name one column for each joint.
     """
     if "*" not in pattern:
         listed = tuple([pattern] if pattern in columns else [one.strip() for one in pattern.split(",")])
@@ -386,10 +409,10 @@ def match_pattern(
 
 
 def find_time(columns: Sequence[str]) -> tuple[str, ...]:
-    """Column of the time, or two columns of a stamp in seconds and nanoseconds; empty without any."""
+    """Find the column of the time, or the two columns of seconds and nanoseconds; empty without any."""
     words = {column: split_name(re.sub(r"[\[(][^\])]*[\])]", " ", column)) for column in columns}
     parts = {column: "".join(w) for column, w in words.items()}
-    # "ZeitInSec" ends with "nsec", too.
+    # The last words are compared: "ZeitInSec" also ends with the letters of "nsec".
     nanos = [
         c
         for c, w in words.items()
@@ -406,10 +429,10 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def says_time(name: str) -> bool:
-    """Whether a column's name has a word of time."""
+    """Return whether a column's name has a word for time."""
     return bool(set(split_name(name)) & _TIME)
 
 
 def is_commanded(group: Group) -> bool:
-    """Whether the group's names say that the values were commanded, not measured."""
+    """Return whether the columns' names say that the values were commanded, not measured."""
     return bool(set(split_name(group.columns[0])) & _TARGET)

@@ -1,4 +1,4 @@
-"""Brings recordings of any form to the platform's columns; names, units and clocks may be guessed."""
+"""Converts recordings of any form to the platform's columns; it may guess names, units and clocks."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -40,17 +40,18 @@ from wearscope.starters.units import (
 
 @dataclass
 class Converted:
-    """A data set to be written.
+    """Converted recordings, ready to be written as a data set.
 
     Attributes
     ----------
     joints : list of str
     prismatic : list of bool
+        Whether each joint is prismatic.
     rate : float
-        [Hz]
+        Sample rate [Hz].
     runs : list of Recorded
     notes : list of str
-        What was guessed.
+        What was guessed, in sentences for the user.
     """
 
     joints: list[str]
@@ -61,7 +62,7 @@ class Converted:
 
 
 def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Converted:
-    """Read recordings and bring them to the platform's columns.
+    """Read recordings and convert them to the platform's columns.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
 def _split_restarts(
     read: Iterable[tuple[Path, pd.DataFrame, list[str]]], mapped: Mapped
 ) -> list[tuple[Path, Path, pd.DataFrame, list[str]]]:
-    """Each recording with its file, a name, its table and notes; several where a file's clock restarts."""
+    """Split each file where its clock restarts; return file, name, table and notes of each recording."""
     parts = []
     for file, frame, told in read:
         names = (mapped.time,) if mapped.time else find_clock(frame)
@@ -141,12 +142,12 @@ def _choose_joints(
     read: Sequence[tuple[Path, Path, pd.DataFrame, Any]],
     notes: list[str],
 ) -> list[str]:
-    """Joints that have columns; joints of a hand behind them are left out, with a note.
+    """Return the joints that have columns; joints of a hand behind them are left out, with a note.
 
     Raises
     ------
     InputError
-        Where other joints have no column, with those that have.
+        Where joints without columns are not behind those that have columns.
     """
     file, _, frame, _ = read[0]
     columns = [str(column) for column in frame.columns]
@@ -171,7 +172,7 @@ def _choose_joints(
 
 
 def _list_behind(urdf: Path, joint: str) -> set[str]:
-    """Joints that a given joint carries."""
+    """Return the joints that a given joint carries, directly or through others."""
     found: set[str] = set()
     tree = {one.name: one for one in parse_urdf(urdf).joints}
     links = {tree[joint].child}
@@ -182,7 +183,7 @@ def _list_behind(urdf: Path, joint: str) -> set[str]:
 
 
 def _note(notes: list[str], told: Sequence[str], file: str) -> None:
-    """Add notes; what is the same for every file is said once."""
+    """Add notes; a note that is the same for every file is added once, without the file's name."""
     for one in told:
         general = one.removeprefix(f"{file}: ")
         if general not in notes and one not in notes:
@@ -190,6 +191,7 @@ def _note(notes: list[str], told: Sequence[str], file: str) -> None:
 
 
 def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
+    """Name a run after its file, with a number where another run has that name."""
     stem = "".join(one if one.isalnum() or one in "_-." else "_" for one in file.stem).strip("._") or "run"
     taken = {run.name for run in runs}
     return next(
@@ -200,9 +202,10 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
 ) -> tuple[pd.DataFrame, float, bool, set[str]]:
-    """Recording in the platform's columns, its rate, whether held values set that rate, joints that wrapped.
+    """Convert one recording to the platform's columns, and add what was guessed to the notes.
 
-    Guesses are added to the notes.
+    Returns the table, its sample rate [Hz], whether the rate is that of a slower column whose values repeat
+    over rows, and the joints whose angle began again after a full turn.
     """
     joints = [joint.name for joint in ordered]
     groups = choose_groups(file, [str(c) for c in frame.columns], joints, mapped)
@@ -282,7 +285,7 @@ def _convert(
 
 
 def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]) -> tuple[Array, np.ndarray]:
-    """Times [s] and the rows that they belong to."""
+    """Return the times (N,) [s], and the indices (N,) of the rows that they belong to."""
     if mapped.time is not None and mapped.time not in frame.columns:
         raise InputError(f"{file}: has no column '{mapped.time}'; correct --time.")
     names = (mapped.time,) if mapped.time else find_clock(frame)

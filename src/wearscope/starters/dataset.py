@@ -1,4 +1,4 @@
-"""A measured-data folder of converted recordings."""
+"""Writes converted recordings as the folder of a measured data set."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,13 +11,13 @@ from wearscope.storage.files import copy_file
 
 
 def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, mapped: Mapped) -> None:
-    """Write a converted data set into a folder that is there.
+    """Write a converted data set into an existing folder.
 
     Parameters
     ----------
     folder : Path
     name : str
-        Of the data set.
+        Name of the data set.
     urdf : Path
     converted : Converted
     mapped : Mapped
@@ -47,6 +47,7 @@ def write_dataset(folder: Path, name: str, urdf: Path, converted: Converted, map
 
 
 def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
+    """Return the text of `dataset.yaml`."""
     n = len(converted.joints)
     common = mapped.readings.get("", "motor")
     readings = {joint: mapped.readings.get(joint, common) for joint in converted.joints}
@@ -72,4 +73,5 @@ def _describe_dataset(name: str, converted: Converted, mapped: Mapped) -> str:
 
 
 def _flow_texts(texts: Mapping[str, str]) -> str:
+    """Return a mapping of names to plain texts in YAML on one line."""
     return f"{{{', '.join(f'{quote(name)}: {text}' for name, text in texts.items())}}}"

@@ -1,6 +1,6 @@
-"""Figures of a robot by joint, each with where it is from: given, or assumed.
+"""Numbers of a robot by joint, each with its origin: given by the user or the URDF, or assumed.
 
-Acceleration limits are those at which its drives carry it through every test-cycle.
+Acceleration limits that nobody gives are chosen so that the drives can follow every test-cycle.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,13 +17,13 @@ from wearscope.robots.spatial import Array
 
 @dataclass(frozen=True)
 class Figures:
-    """A number a joint.
+    """One number for each joint, with its origin.
 
     Attributes
     ----------
     values : ndarray (n,)
     origins : tuple of str
-        By joint: ``given: ...`` or ``assumed: ...``.
+        For each joint ``given: ...`` or ``assumed: ...``.
     """
 
     values: Array
@@ -31,11 +31,11 @@ class Figures:
 
     @property
     def given(self) -> Array:
-        """Which values are given rather than assumed (n,)."""
+        """Whether each value (n,) is given rather than assumed."""
         return np.array([origin.startswith("given") for origin in self.origins])
 
     def describe(self, joints: Sequence[str]) -> str:
-        """Origins in one line; the joints are named where they differ."""
+        """Describe the origins in one line; the joints are named where the origins differ."""
         kinds = list(dict.fromkeys(self.origins))
         if len(kinds) == 1:
             return kinds[0]
@@ -44,25 +44,25 @@ class Figures:
         return "; ".join(f"{kind} ({', '.join(own)})" for kind, own in names.items())
 
     def replace(self, values: Array, origin: Callable[[int], str]) -> "Figures":
-        """Other values, with another origin where they differ."""
+        """Return new values; a value that changes gets the origin that `origin` returns for its joint."""
         changed = ~np.isclose(values, self.values, rtol=1e-12, atol=0.0)
         origins = [origin(k) if changed[k] else one for k, one in enumerate(self.origins)]
         return Figures(np.asarray(values, dtype=float), tuple(origins))
 
 
-#: How a refused number compares with 0, by what the option takes.
+#: Comparison with 0 that is true for a refused number, by the numbers that the option allows.
 _REFUSED = {"0 or above": np.less, "above 0": np.less_equal, "other than 0": np.equal}
 
 
 def take_option(
     name: str, values: Sequence[float] | None, n: int, allowed: str = "0 or above"
 ) -> Figures | None:
-    """Figures that the user gives: one for all joints, or one a joint.
+    """Read the numbers of an option: one for all joints, or one for each joint; None without a number.
 
     Parameters
     ----------
     name : str
-        Of the option.
+        Name of the option.
     values : sequence of float or None
     n : int
         Number of joints.
@@ -71,7 +71,7 @@ def take_option(
     Raises
     ------
     InputError
-        Where there are neither one nor n, or one is not finite or not as `allowed`.
+        Where there are neither one nor n numbers, or one of them is not finite or not `allowed`.
     """
     if values is None or len(values) == 0:
         return None
@@ -85,12 +85,12 @@ def take_option(
 
 
 def assume(values: Array, why: str) -> Figures:
-    """Figures that are assumed because nobody gave them."""
+    """Return values as assumed figures; `why` tells what the assumption rests on."""
     return Figures(np.asarray(values, dtype=float), (f"assumed: {why}",) * len(values))
 
 
 def choose(*sources: Figures | None) -> Figures:
-    """For each joint the number of the first source whose number is not NaN."""
+    """Return for each joint the number of the first source that has one: a source may be None or hold NaN."""
     there = [source for source in sources if source is not None]
     values, origins = there[-1].values.copy(), list(there[-1].origins)
     for source in reversed(there[:-1]):
@@ -100,16 +100,16 @@ def choose(*sources: Figures | None) -> Figures:
 
 
 def round_figures(values: Any) -> list[float]:
-    """Six digits of each, as model files hold them."""
+    """Round each value to six digits, as model files hold them."""
     return [float(f"{value:.6g}") for value in np.asarray(values, dtype=float)]
 
 
-START_TIME = 0.2  # s from rest to the speed limit, at least
-JERK_RATE = 10.0  # 1/s
-# A study's usual extremes, within which every test-cycle must stay in the limits.
+START_TIME = 0.2  # shortest time from rest to the speed limit [s]
+JERK_RATE = 10.0  # jerk limit over acceleration limit [1/s]
+# Usual extremes of a study [deg C, -, share]: every test-cycle must stay within the limits there.
 TEMPERATURES, WEAR, PAYLOAD_ERROR = (30.0, 70.0), 50.0, 0.12
-ROOM = 0.9  # of the torque limit
-SLOWER, SLOWEST = 0.8, 11  # share of the acceleration a step, steps at most
+ROOM = 0.9  # share of the torque limit that a test-cycle may use
+SLOWER, SLOWEST = 0.8, 11  # each step reduces the accelerations by this factor; most steps
 
 
 def fit_to_cycles(
@@ -125,21 +125,21 @@ def fit_to_cycles(
     Parameters
     ----------
     fields : dict
-        Content of the model file; its limits are set.
+        Content of the model file; this function sets its acceleration, jerk and torque limits.
     text : str
         Normalised URDF.
     figures : dict of str to Figures
-        ``acceleration_limit`` is added; ``torque_limit`` is raised where slow motions need more.
+        ``acceleration_limit`` is added; ``torque_limit`` is raised where even slow motions need more.
     accelerations : sequence of float
-        Stated limits; empty where none are.
+        Limits that the user states; empty where there are none.
     holding, inertia : array (n,)
-        Largest torque at rest and inertia of the arm.
+        Largest torque that holds the arm at rest, and largest inertia of the arm at each joint.
 
     Returns
     -------
     RobotModel
     list of str
-        Torque limits that were raised.
+        A sentence for each torque limit that was raised.
     """
     speed, torque = figures["speed_limit"].values, figures["torque_limit"]
     friction = figures["coulomb"].values + figures["viscous"].values * speed
@@ -180,7 +180,7 @@ def fit_to_cycles(
 
 
 def _find_peaks(model: RobotModel) -> tuple[Array, Array]:
-    """Largest torques (n,) along the test-cycles at a study's extremes: in motion, and all but at rest."""
+    """Return the largest torques (n,) of all test-cycles at a study's extremes: at speed, and very slowly."""
     moving, still = np.zeros(model.n), np.zeros(model.n)
     for name in list_cycles():
         seen = load_cycle(name).build(model, 0.05, find_coarse_step(model))

@@ -1,4 +1,4 @@
-"""Columns slower than the rows: a value is repeated over several rows, or the rows between are blank."""
+"""Columns that are updated less often than the rows: a value repeats over rows, or rows are blank."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,22 +8,23 @@ from scipy import ndimage
 
 from wearscope.robots.spatial import Array
 
-#: Kinds whose slowest column sets the rate; other kinds, such as temperatures, may be slower still.
+#: Kinds whose slowest column sets the rate; columns of other kinds, such as temperatures, may be slower.
 _MOTION = ("position", "velocity", "torque", "current", "goal", "duty")
-#: Fewest changes of a column that show how long it is held.
+#: Fewest changes of a column that show for how many rows its values are held.
 _FEWEST = 50
-#: Of the values of a held column: largest share held for fewer rows than usual, least share held for the
-#: usual number of rows, plus or minus one.
+#: Two conditions on a held column. At most the first share of its values are held for fewer rows than the
+#: median. At least the second share are held for the median number of rows, plus or minus one.
 _SHORTER, _ALIKE = 0.02, 0.7
-#: A column is held only where its usual step is at least this many of its smallest steps: a slow encoder
-#: changes by one count at a time and is not held.
+#: A column counts as held only where its median step is at least this many times its smallest step. A slowly
+#: moving encoder changes by one count at a time and is not held.
 _STEPS = 3.0
-#: Columns are written by turns where fewer than this share of their rows have a number in every column.
+#: Columns are written by turns, each row with some of them, where fewer than this share of the rows have a
+#: number in every column.
 _BY_TURNS = 0.5
 
 
 def find_hold(x: Array) -> int:
-    """Rows for which a channel (N,) keeps each of its values; 1 where each row may have a new one."""
+    """Find for how many rows a channel (N,) holds each value; 1 where each row may have a new one."""
     with np.errstate(invalid="ignore"):  # no step between infinite values
         steps = np.diff(x)
     at = np.flatnonzero(steps)
@@ -37,13 +38,13 @@ def find_hold(x: Array) -> int:
 
 
 def _is_quicker(x: Array, held: int) -> bool:
-    """Whether a channel (N,) has new values more often than every `held` rows."""
+    """Return whether a channel (N,) has new values more often than every `held` rows."""
     gaps = np.diff(np.flatnonzero(np.diff(x)))
     return bool(np.count_nonzero(gaps < held - 1) > _SHORTER * len(gaps))
 
 
 def _find_news(x: Array, held: int) -> np.ndarray:
-    """Rows of a channel (N,) with a new value, including repeated readings of an unchanged value."""
+    """Return the rows of a channel (N,) with a new reading, also where the reading did not change."""
     at = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1])
     if held == 1:
         return np.arange(len(x))
@@ -55,10 +56,9 @@ def _find_news(x: Array, held: int) -> np.ndarray:
 def take_news(
     t: Array, numbers: pd.DataFrame, columns: Mapping[str, Sequence[str]], where: str
 ) -> tuple[Array, pd.DataFrame, list[str]]:
-    """Rows at the rate of the slowest column, with notes; the same rows where all columns are new in each.
+    """Reduce a table to the rate of its slowest motion column, and average faster columns over its rows.
 
-    Columns are new at the first row that has a value. The slowest column of the motion gives the rows; faster
-    columns are averaged over them.
+    A table whose columns all have a new value in each row is returned as it is.
 
     Parameters
     ----------
@@ -67,9 +67,17 @@ def take_news(
     numbers : DataFrame (N, K)
         NaN where a cell is blank.
     columns : mapping of str to sequence of str
-        By kind.
+        Columns by kind.
     where : str
-        File, for notes.
+        Name of the file, for notes.
+
+    Returns
+    -------
+    t : ndarray (M,)
+        [s]
+    numbers : DataFrame (M, K)
+    notes : list of str
+        One note where rows were reduced.
     """
     motion = [name for kind in _MOTION for name in columns.get(kind, ())]
     others = [name for name in map(str, numbers) if name not in motion]
@@ -83,8 +91,8 @@ def take_news(
         holds = {name: find_hold(x) for name, x in own.items()}
         longest = max(holds.values(), default=1)
         if longest > 1:
-            # Channels of a kind are read together, as a channel that hardly moves does not show how long it
-            # is held.
+            # A recorder reads all channels of a kind together. So a channel that hardly moves, and does not
+            # show how long it is held, is held as long as the others.
             held |= {name: longest for name, x in own.items() if not _is_quicker(x, longest)}
             kinds[kind] = longest
     if not kinds and not by_turns:

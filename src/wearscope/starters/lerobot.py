@@ -1,4 +1,4 @@
-"""Data sets of LeRobot: ``meta/info.json`` and Parquet files with a row a frame, one run an episode."""
+"""Reads data sets of LeRobot: ``meta/info.json``, and Parquet files with one row for each frame."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from wearscope.errors import InputError, describe, explain_breach
 from wearscope.storage.files import DamagedFile, read_json
 from wearscope.storage.tables import check_unpacked
 
-#: Kind of what a feature records of the joints; the name of a single value may state another kind.
+#: Kind of signal by feature; the name of a single value, such as ``shoulder.vel``, may state another kind.
 _FEATURES = {
     "observation.state": "position",
     "observation.velocity": "velocity",
@@ -25,10 +25,11 @@ _FEATURES = {
     "observation.load": "load",
     "action": "goal_position",
 }
-#: Ends of names of single values, as ``shoulder.pos``, and their kinds.
+#: Kind by the end of a single value's name, such as ``shoulder.pos``.
 _ENDS = {"pos": "position", "vel": "velocity", "torque": "effort", "effort": "effort", "current": "current"}
-#: Largest position in per cent of a joint's range.
+#: Largest position where positions are per cent of a joint's range.
 _PER_CENT = 100.0
+#: Kinds that tell the torque.
 _MEASURED = {"effort", "current", "load"}
 
 
@@ -40,30 +41,30 @@ class _Feature(BaseModel):
 
 
 class _Info(BaseModel):
-    """``meta/info.json``."""
+    """The fields of ``meta/info.json`` that are used here."""
 
     features: dict[str, _Feature]
 
 
 def is_lerobot(path: Path) -> bool:
-    """Whether a folder is a data set of LeRobot."""
+    """Return whether a folder is a data set of LeRobot."""
     return (path / "meta" / "info.json").is_file()
 
 
 def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFrame]]:
-    """Episodes by name, each with ``timestamp`` [s] and columns such as ``shoulder.position``.
+    """Read the episodes of a data set: name, and table with ``timestamp`` [s] and ``<joint>.<kind>``.
 
     Parameters
     ----------
     path : Path
         Folder of the data set, format 2 or 3.
     servo : bool
-        Whether a servo's law gives the torque, so that no effort is needed.
+        Whether the torque is computed from a servo's law, so that the data set needs no effort.
 
     Raises
     ------
     InputError
-        Where it cannot be read, has no positions, or neither effort nor current.
+        Where the data set cannot be read, or has no positions, or none of effort, current and load.
     """
     features = _read_features(path)
     columns = _name_columns(features)
@@ -113,7 +114,7 @@ def read_lerobot(path: Path, servo: bool = False) -> list[tuple[str, pd.DataFram
 
 
 def doubt_angles(path: Path, episodes: Sequence[tuple[str, pd.DataFrame]]) -> list[str]:
-    """A note where the positions of a data set may be per cent of the joints' ranges instead of angles."""
+    """Return a note where positions may be per cent of the joints' ranges instead of angles; else nothing."""
     largest = max(
         float(frame.filter(regex=r"\.position$").abs().max(axis=None)) for _, frame in episodes if len(frame)
     )
@@ -126,6 +127,7 @@ def doubt_angles(path: Path, episodes: Sequence[tuple[str, pd.DataFrame]]) -> li
 
 
 def _read_features(path: Path) -> dict[str, _Feature]:
+    """Read the features that a data set states, by name."""
     file = path / "meta" / "info.json"
     try:
         return _Info.model_validate(read_json(file)).features
@@ -135,7 +137,7 @@ def _read_features(path: Path) -> dict[str, _Feature]:
 
 
 def _name_columns(features: dict[str, _Feature]) -> dict[str, list[str]]:
-    """Names of each feature's values: joint, a dot, kind."""
+    """Name the values of each feature ``<joint>.<kind>``."""
     columns = {}
     for feature, kind in _FEATURES.items():
         if feature not in features:
@@ -159,7 +161,7 @@ def _name_columns(features: dict[str, _Feature]) -> dict[str, list[str]]:
 
 
 def _read_values(table: pa.Table, feature: str, count: int) -> np.ndarray:
-    """Values (N, count) of a feature that has a list a row, or a number where `count` is 1."""
+    """Return the values (N, count) of a feature: a row holds a list, or a number where `count` is 1."""
     column = table[feature].combine_chunks()
     values = column.flatten() if pa.types.is_nested(column.type) else column
     return np.asarray(values.to_numpy(zero_copy_only=False), dtype=float).reshape(len(table), count)

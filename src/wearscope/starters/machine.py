@@ -1,9 +1,10 @@
-"""The example data set that ships with the package, its command, and an example to try things on.
-
-The example is a robot's URDF and recordings of it, as a maker and a drive's recorder would give them.
+"""Writes the example data set that ships with the package, and an example to try the commands on.
 
 ``python -m wearscope.starters.machine`` simulates a machine of three joints and writes its recordings to
 ``src/wearscope/example_data``; a test makes them again and compares.
+
+The example to try the commands on holds a robot's URDF, as its maker would give it, and recordings in text
+files, as a drive's recorder would write them.
 """
 
 import shutil
@@ -29,10 +30,10 @@ from wearscope.storage import tables
 from wearscope.storage.files import copy_file
 
 JOINTS = 3
-#: Recorded samples per second [Hz], and the step [s].
+#: Sample rate of the recordings [Hz], and step of the simulation [s].
 RATE, STEP = 125.0, 0.004
 SEED = 17
-#: Runs: file, test-cycle, use.
+#: File, test-cycle and use of each run.
 RUNS = (
     ("excitation", "periodic_excitation", "train"),
     ("reversals", "slow_reversals", "train"),
@@ -45,14 +46,14 @@ COULOMB, VISCOUS = (42.0, 105.0, 42.0), (15.0, 55.0, 9.0)
 
 @dataclass(frozen=True)
 class Planted:
-    """An effect that the machine has and its model lacks."""
+    """An effect that the simulated machine has and its declared model lacks."""
 
     joint: str
     effect: str
     parameters: dict[str, float]
 
 
-#: A balancer at the arm's lower joint [N m], and friction that falls from break-away at its upper one.
+#: A balancer at joint 2 [N m], and Stribeck friction, which falls with speed after break-away, at joint 3.
 PLANTED = (
     Planted("axis_2", "gravity_counterbalance", {"sine1": -320.0, "cosine1": 0.0}),
     Planted("axis_3", "stribeck", {"level": 25.0, "speed": 0.15, "exponent": 1.0}),
@@ -60,7 +61,7 @@ PLANTED = (
 
 
 def make_machine() -> RobotModel:
-    """The medium robot's first three joints, with the two simplest laws of friction and planted effects."""
+    """Return the medium robot's first three joints, with Coulomb and viscous friction and planted effects."""
     whole = load_model("medium").to_mapping()
     drive = {name: values[:JOINTS] for name, values in whole["drive"].items()}
     sensors = whole["sensors"]
@@ -81,7 +82,7 @@ def make_machine() -> RobotModel:
 
 
 def make_runs(model: RobotModel) -> dict[str, Recording]:
-    """Recording by run."""
+    """Simulate the runs; return recording by run."""
     return {
         name: simulate_point(
             model, load_cycle(cycle).build(model, 0.05, STEP), seed=seed_of(SEED, name), sample_rate=RATE
@@ -91,12 +92,12 @@ def make_runs(model: RobotModel) -> dict[str, Recording]:
 
 
 def write_machine(target: Path) -> None:
-    """Write the data set's folder.
+    """Write the folder of the example data set.
 
     Raises
     ------
     InputError
-        Where there is one already.
+        Where the folder exists already.
     """
     model = make_machine()
     with new_folder(target) as folder:
@@ -131,7 +132,7 @@ if __name__ == "__main__":
     write_machine(place)
 
 
-#: Test-cycle by day of recording.
+#: Test-cycle of the recording of each day.
 DAYS = {
     "monday": "point_to_point",
     "tuesday": "axis_sweeps",
@@ -140,24 +141,26 @@ DAYS = {
 }
 #: Motion of the later sessions.
 CYCLE = "point_to_point"
-#: Wear of the second axis in the session `worn`, and the tool that nobody declared [kg].
+#: Wear of the second axis in the session `worn` [-], and mass of the undeclared tool in the session `tool`
+#: [kg].
 WEAR, TOOL = 40.0, 6.0
-#: Digits of the recorder: degrees and N m.
+#: Decimals that the recorder writes, of degrees and of N m.
 _DIGITS = 4
 
 
 def write_example(target: Path) -> None:
-    """Write ``arm.urdf``, the medium robot's, and recordings of it: ms, degrees, N m, separated by ';'.
+    """Write the medium robot as ``arm.urdf``, and recordings of it in ms, degrees and N m, separated by ';'.
 
-    One a day of a healthy week. In ``later/`` two more healthy days, from which detectors learn how the
-    motion scatters, and three sessions: ``unchanged``; ``worn``, with a worn second axis; ``tool``, with a
-    tool that nobody declared. The data set that ships with the package goes to ``machine/``. The torque is
-    that of the robot's model at 50 deg C, friction by eq. (17) included, with sensor noise.
+    There is one recording for each of four healthy days. The folder ``later/`` has two more healthy days,
+    from which detectors learn how the motion scatters, and three sessions: ``unchanged``; ``worn``, with a
+    worn second axis; and ``tool``, with an undeclared tool. The folder ``machine/`` is a copy of the data set
+    that ships with the package. The torque is that of the robot's model at 50 deg C, including friction by
+    eq. (17), with sensor noise.
 
     Raises
     ------
     InputError
-        Where the folder is there already.
+        Where the folder exists already.
     """
     model = load_model("medium").replace(payload=None)
     axis = model.wearing([2])
@@ -178,7 +181,7 @@ def write_example(target: Path) -> None:
 
 
 def _write_recording(file: Path, model: RobotModel, cycle: str, wear: float, seed: int) -> None:
-    """A recording as a drive's recorder writes it."""
+    """Simulate a recording and write it as a drive's recorder would."""
     batch = make_batch(model, cycle, wear, seed)
     columns: dict[str, Array] = {
         "time [ms]": (1e3 * batch.t).round(3),

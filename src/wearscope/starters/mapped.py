@@ -1,7 +1,7 @@
-"""What the user says of recordings, and which of their columns and rows are taken.
+"""What the user states about recordings, and the choice of their columns, sample rate and use.
 
-Columns that the user names are taken, else those that are found. All recordings are brought to one rate,
-those that are fitted and those that are only scored.
+Columns that the user names are taken; otherwise they are found by their names. All recordings get one sample
+rate: those that a model is fitted to and those that only test it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,64 +16,68 @@ from wearscope.robots.servos import ServoFields
 from wearscope.starters.columns import KINDS, Group, find_groups, is_commanded, match_pattern
 from wearscope.starters.servos import choose_servo_groups
 
+#: Effects that a new data set declares where the user names none.
 DECLARED = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """What the user says of the recordings.
+    """What the user states about the recordings.
 
     Attributes
     ----------
     joints : sequence of str
-        All that the URDF moves where empty.
+        Joints in the recordings; empty for all movable joints of the URDF.
     movable : sequence of str
-        All that the URDF moves: columns may be numbered by them.
+        All movable joints of the URDF; the columns may be numbered over them.
     patterns : mapping of str to str
-        By kind: columns, with ``*`` for the joint.
+        Columns by kind, with ``*`` for the joint.
     time, time_unit, topic : str or None
+        Column of the time and its unit; topic of the joint states in a bag. None leaves the choice open.
     rate : float or None
-        [Hz]; from the clock where left out.
+        Sample rate [Hz]; None takes it from the clock.
     position_units : sequence of str
-        ``rad`` or ``deg`` of joints that turn, ``m`` or ``mm`` of those that slide.
+        ``rad`` or ``deg`` for revolute joints, ``m`` or ``mm`` for prismatic joints.
     counts_per_turn : sequence of float
-        Counts of the encoders in a turn, or in a metre where a joint slides.
+        Encoder counts for a turn, or for a metre of a prismatic joint.
     side, torque_side : str
-        ``joint`` or ``motor``: where positions, and torques, are measured.
+        ``joint`` or ``motor``: on which side of the gear positions, and torques, are measured.
     gear_ratio, torque_constant : sequence of float
-        Motor turns per joint turn; N m by ampere, or by unit of the torque columns.
+        Motor turns for a joint turn; torque [N m] for an ampere, or for one unit of the torque columns.
     declared, accept, test : sequence of str
-        Effects; refusals that are overruled; recordings that are only scored.
+        Declared effects; names of refusals to overrule; recordings that only test the model.
     inertials : str
+        How far the inertial parameters of the URDF are trusted, as in `dataset.yaml`.
     payload : float or None
         [kg]
     payload_com : sequence of float
         Its centre of mass in the frame of the last joint's link [m].
     servo : ServoFields or None
-        Whose law gives the torque.
+        Servo whose law gives the torque.
     turned : sequence of str
-        Columns of the data set that are turned round.
+        Columns of the data set whose sign is reversed.
     shifted : mapping of str to float
-        What is added to positions of the data set, by column [rad or m].
+        Value added to a position, by column of the data set [rad or m].
     scaled : mapping of str to float
-        What positions and speeds of the data set are multiplied with, by the position's column.
+        Factor on a position and its speed, by the position's column of the data set.
     readings : mapping of str to str
-        What the torques are, by joint, as `torque` in dataset.yaml has it; under an empty name for all.
+        Meaning of the torque column, by joint, as `torque` in dataset.yaml states it; the empty name is for
+        all joints.
     gravity : sequence of float
-        In the base frame [m/s^2]; of a robot that stands upright where empty.
+        Gravity in the base frame [m/s^2]; empty for a robot that stands upright.
     sessions : mapping of str to str
         Label of a recording's session, by file name.
     reference : sequence of str
-        Sessions in which the machine was healthy. With them a recording without a label is a session of its
-        name.
+        Sessions in which the machine was healthy. Where these are given, a recording without a label is a
+        session named after its file.
     payloads : mapping of str to sequence of float
         Mass [kg] and centre of mass [m] of a recording's payload, by file name.
     torque_gain : mapping of str to float
-        What torques are multiplied with, by joint.
+        Factor on the torque, by joint.
     time_scale : float or None
-        True time over the recorded one.
+        True time over recorded time.
     columns : sequence of str
-        Names of the columns of files that have none.
+        Names of the columns, for files without names.
     """
 
     joints: Sequence[str] = ()
@@ -109,19 +113,22 @@ class Mapped:
     columns: Sequence[str] = ()
 
 
-#: Pattern of a kind whose columns are left out.
+#: Pattern with which a user leaves out the columns of a kind.
 NONE = "none"
 
 
 def choose_groups(
     file: Path, columns: Sequence[str], joints: Sequence[str], mapped: Mapped
 ) -> dict[str, Group]:
-    """Columns by kind: position, and torque or current, or what a servo's law needs; others where they are.
+    """Choose the columns of a recording, by kind.
+
+    Positions are needed, and torques or currents, or what a servo's law needs. Speeds and temperatures are
+    taken where they exist.
 
     Raises
     ------
     InputError
-        Where there are no positions, or nothing that tells the torque.
+        Where there are no positions, or no columns that tell the torque.
     """
     groups: dict[str, Group] = {}
     for kind in KINDS:
@@ -164,7 +171,7 @@ def choose_groups(
 
 
 def describe_groups(groups: Mapping[str, Group]) -> list[str]:
-    """A note on the columns of each kind."""
+    """Return a note on the columns of each kind."""
     return [
         f"{kind}: {group.columns[0]}"
         + (f" to {group.columns[-1]}" if len(group.columns) > 1 else "")
@@ -173,17 +180,19 @@ def describe_groups(groups: Mapping[str, Group]) -> list[str]:
     ]
 
 
-#: Recordings whose rates differ by less than this share have one rate; the data set's reader resamples them.
+#: Recordings whose rates differ by less than this share count as equally fast; the data set's reader
+#: resamples them.
 _OFF = 0.15
-#: Share of a lone recording's motion that trains, and the gap between it and the test part [s].
+#: A single recording is cut in two: the share of its motion that trains, and the gap before the test part
+#: [s].
 _TRAINING, _GAP = 0.7, 1.0
-#: Least length of a part [s]; steps in which its motion is added up [s].
+#: Least length of each part [s]; time step over which the motion is summed [s].
 _PART, _STEP = 2.0, 0.1
 
 
 @dataclass
 class Recorded:
-    """A recording in the platform's columns: ``t``, then by joint ``q_``, ``tau_`` and what else there is."""
+    """A recording in the platform's columns: ``t``, and ``q_<joint>``, ``tau_<joint>`` and other signals."""
 
     name: str
     frame: pd.DataFrame
@@ -194,12 +203,12 @@ class Recorded:
 def take_common_rate(
     runs: list[Recorded], rates: Sequence[float], files: Sequence[Path], stated: float | None
 ) -> tuple[float, list[str]]:
-    """Rate of all recordings [Hz], to which faster ones are averaged, with notes.
+    """Choose one sample rate [Hz] for all recordings, average faster ones to it, and return it with notes.
 
     Raises
     ------
     InputError
-        Naming a recording that is slower than the stated rate.
+        Where a recording is slower than the stated rate.
     """
     slow = [own for own in rates if own < (1.0 + _OFF) * min(rates)]
     rate, notes = stated or float(np.median(slow)), []
@@ -217,7 +226,7 @@ def take_common_rate(
 
 
 def _find_cut(frame: pd.DataFrame, rate: float) -> int:
-    """Row that divides the motion of all joints by share, so that they move before and after it."""
+    """Return the row before which the joints have done the share `_TRAINING` of their motion."""
     every = max(1, round(_STEP * rate))
     q = frame[[name for name in frame if str(name).startswith("q_")]].to_numpy(dtype=float)[::every]
     moved = np.abs(np.diff(q, axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-12)
@@ -226,7 +235,7 @@ def _find_cut(frame: pd.DataFrame, rate: float) -> int:
 
 
 def choose_uses(runs: list[Recorded], files: Sequence[Path], test: Sequence[str], rate: float) -> list[str]:
-    """Mark the runs that are only scored; a lone run is cut in two."""
+    """Mark the runs that only test the model; a single run is cut in two. Returns a note."""
     if len(runs) == 1:
         if test:
             raise InputError("--test: there is one recording only; give another for training.")

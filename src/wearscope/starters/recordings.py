@@ -1,4 +1,4 @@
-"""Recordings as tables: text, JSON, NumPy, MATLAB, Parquet, and ROS 2 bags with joint states."""
+"""Reads recordings as tables: text, JSON, NumPy, MATLAB, Parquet, and ROS 2 bags with joint states."""
 
 import csv
 import gzip
@@ -26,6 +26,7 @@ from wearscope.storage.files import check_plain
 from wearscope.storage.plain_yaml import load_plain_yaml
 from wearscope.storage.tables import check_unpacked, to_frame
 
+#: Errors that readers raise on a damaged file.
 _BROKEN = (
     OSError,
     EOFError,
@@ -43,28 +44,28 @@ _TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
 _JSON = (".jsonl", ".ndjson", ".json")
 _ARRAYS = (".npz", ".mat")
 _PACKED = (".gz", ".zip")
-#: Classes of MATLAB's variables that hold others.
+#: MATLAB classes of variables that contain other variables.
 _NESTED = ("struct", "cell", "object")
 
 
 def read_recording(
     path: Path, topic: str | None = None, columns: Sequence[str] = ()
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Table of a recording, and notes on how it was read.
+    """Read a recording; return its table, and notes on how it was read.
 
     Parameters
     ----------
     path : Path
         A text, JSON, NumPy, MATLAB or Parquet file, an MCAP file, or the folder of a ROS 2 bag.
     topic : str, optional
-        Of the joint states in a bag; the one with most messages where left out.
+        Topic of the joint states in a bag; by default the one with most messages.
     columns : sequence of str, optional
-        Names of a text's columns, where it has none.
+        Names of the columns, for a text file without names.
 
     Raises
     ------
     InputError
-        Where it is none of these, or cannot be read.
+        Where the file is none of these, or cannot be read.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file; correct the name.")
@@ -74,13 +75,13 @@ def read_recording(
 
 
 def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """The table with column names that can be written and numbers of native types, as later steps need it.
+    """Return the table with printable column names and native number types, as the later steps need it.
 
     Raises
     ------
     InputError
-        Where it has no rows or too many columns, a name is long, or cells hold more than a number, text, date
-        or list of these.
+        Where it has fewer than two rows or too many columns, a name is too long or occurs twice, or a cell
+        holds anything but a number, text, date or plain list of these.
     """
     if len(frame) < 2 or len(frame.columns) > limits.COLUMNS:
         few = "holds fewer than two rows" if len(frame) < 2 else f"has more than {limits.COLUMNS} columns"
@@ -93,7 +94,7 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
             )
             raise InputError(f"{path}: column '{name[:30]}' {told}; rename it, or leave it out.")
         x = frame.iloc[:, k]
-        if isinstance(x.dtype, pd.CategoricalDtype):  # a dictionary of values, and which of them is where
+        if isinstance(x.dtype, pd.CategoricalDtype):  # values are stored once, and each row as an index
             x = pd.Series(np.asarray(x), frame.index)
         if isinstance(x.dtype, np.dtype) and x.dtype.kind in "iuf":
             x = x.astype(np.float64 if x.dtype.kind == "f" else x.dtype.newbyteorder("="))
@@ -107,7 +108,7 @@ def _settle(frame: pd.DataFrame, path: Path) -> pd.DataFrame:
 
 
 def _is_deep(cell: object) -> bool:
-    """Whether a cell holds bytes, or more than a value or a plain list of values."""
+    """Return whether a cell holds bytes, a mapping or a nested list."""
     if isinstance(cell, list | tuple | np.ndarray):
         return any(isinstance(one, dict | list | tuple | np.ndarray) for one in cell)
     return isinstance(cell, dict | bytes)
@@ -154,7 +155,7 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
 
 
 def _load_named(path: Path) -> dict[str, np.ndarray]:
-    """Arrays of an ``.npz`` by their names."""
+    """Return the arrays of an ``.npz`` file by name."""
     loaded = np.load(path, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         raise InputError(f"{path}: holds one array without a name; write it with numpy.savez.")
@@ -163,9 +164,9 @@ def _load_named(path: Path) -> dict[str, np.ndarray]:
 
 
 def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Longest numeric arrays of a ``.mat``, samples first, and a note on the others.
+    """Return the longest numeric arrays of a ``.mat`` file, samples first, and a note on the others.
 
-    An array in a structure has the names of both.
+    An array within a structure is named after both, as ``structure_array``.
     """
     found: dict[str, np.ndarray] = {}
     try:
@@ -189,16 +190,16 @@ def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
 
 
 def _number_columns(arrays: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """Arrays (N,) by their names; columns of arrays (N, n) are numbered from 1."""
+    """Return a table of arrays (N,) and (N, n); the columns of the latter are numbered from 1."""
     columns: dict[str, np.ndarray] = {}
     for name, x in arrays.items():
-        many = x.T if x.ndim == 2 else [x] * x.ndim if x.ndim < 2 else []
+        many = {1: [x], 2: x.T}.get(x.ndim, [])
         columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
     return pd.DataFrame(columns)
 
 
 def _unpack(path: Path, folder: Path) -> Path:
-    """Unpack the single file that a packed file holds, up to the allowed size."""
+    """Unpack the single file in a packed file, up to the allowed size; return its path."""
     check_plain(path, limits.TABLE_BYTES, "give a recording, in several files where it is large")
     with ExitStack() as stack:
         name = path.stem
@@ -226,17 +227,18 @@ def _unpack(path: Path, folder: Path) -> Path:
 def open_recordings(
     files: Sequence[Path], topic: str | None = None, servo: bool = False, columns: Sequence[str] = ()
 ) -> Iterator[tuple[Path, pd.DataFrame, list[str]]]:
-    """Each recording with its name, its table and notes; of a LeRobot data set each episode.
+    """Yield path, table and notes of each recording; an episode of a LeRobot data set is a recording.
 
     Parameters
     ----------
     files : sequence of Path
-        As `read_recording` takes them, or folders of LeRobot data sets.
+        Files that `read_recording` reads, or folders of LeRobot data sets.
     topic : str, optional
+        Topic of the joint states in a bag.
     servo : bool
-        Whether a servo's law gives the torque, so that no effort is needed.
+        Whether the torque is computed from a servo's law, so that no effort is needed.
     columns : sequence of str, optional
-        Names of the columns of texts that have none.
+        Names of the columns, for text files without names.
     """
     for file in files:
         if is_lerobot(file):
@@ -252,7 +254,7 @@ def open_recordings(
 
 
 def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
-    """Joint states of a bag: ``time`` [s] and ``<joint>.position``, ``.velocity``, ``.effort``."""
+    """Read a bag's joint states: ``time`` [s] and ``<joint>.position``, ``.velocity``, ``.effort``."""
     need("rosbags")
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -279,14 +281,14 @@ def _read_bag(path: Path, topic: str | None) -> tuple[pd.DataFrame, list[str]]:
     if not rows:
         raise InputError(f"{path}: topic '{chosen}' holds no message; record it again.")
     frame = pd.DataFrame(rows)
-    # Drivers that publish joints apart send several messages with one stamp.
+    # Drivers that publish each joint separately send several messages with the same stamp.
     frame = frame.groupby("time", sort=True, as_index=False).first()
     note = f"{path.name}: {len(rows)} joint states of topic {chosen}."
     return frame, [note]
 
 
 def _check_bag(path: Path) -> None:
-    """Refuse what a bag's reader would never finish: no plain or too large a file, YAML that grows."""
+    """Refuse bags that the reader could not finish: special or too large files, or YAML that expands."""
     described = path / "metadata.yaml"
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         check_plain(file, limits.TABLE_BYTES, "copy the bag again, or split it where it is large")
@@ -296,11 +298,12 @@ def _check_bag(path: Path) -> None:
 
 
 def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
+    """Yield one row for each message: ``time`` [s] from the first one, and each joint's signals."""
     first: int | None = None
     known: set[str] = set()
     for connection, received, raw in reader.messages(connections=links):
         message = reader.deserialize(raw, connection.msgtype)
-        if len({*message.name}) < len(message.name):  # which of both is the joint's nobody can tell
+        if len({*message.name}) < len(message.name):  # nobody can tell which one is the joint's
             again = escape_text(max(message.name, key=message.name.count))[:30]
             raise InputError(f"{links[0].topic}: names '{again}' twice; give each joint a name of its own.")
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec or received

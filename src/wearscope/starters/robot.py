@@ -1,4 +1,4 @@
-"""A complete model of a robot from its URDF: what the file or the user states is given, all else assumed."""
+"""Builds a complete robot model from a URDF: numbers that neither it nor the user states are assumed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,43 +25,43 @@ from wearscope.starters.figures import (
 from wearscope.starters.writing import fill_template
 from wearscope.storage.files import copy_file
 
-# Least range [rad or m], least and largest speed [per s] of a robot's joint.
+# Least range of a joint [rad or m]; least and largest speed limit [rad/s or m/s].
 LEAST_RANGE, SLOWEST, FASTEST = 1e-4, 5e-3, 1e3
-# Assumed where nothing is stated.
-SPEED = {"rad": 2.0, "m": 0.5}
-MOTOR_SPEED = 300.0  # rad/s, at the joint's speed limit
-COULOMB_SHARE, VISCOUS_SHARE = 0.04, 0.03  # of the usual torque; the second at the speed limit
-ROTOR_TIME = 0.02  # s from rest to the speed limit with the usual torque, of the rotor alone
-PAYLOAD_SHARE = 0.05  # of the moving mass
-NOISE_SHARE = 0.0025  # of the usual torque
-TURN = 2.0 * np.pi / 2**16  # encoder step on the motor shaft [rad]
-STRENGTH = 2.5  # torque limit over the largest torque at rest
-POSTURES = 200
+# Values that are assumed where nothing is stated. `_find_usual` defines the usual torque.
+SPEED = {"rad": 2.0, "m": 0.5}  # speed limit [rad/s, m/s]
+MOTOR_SPEED = 300.0  # motor speed at the joint's speed limit [rad/s]
+COULOMB_SHARE, VISCOUS_SHARE = 0.04, 0.03  # shares of the usual torque; viscous friction at the speed limit
+ROTOR_TIME = 0.02  # time in which the usual torque brings the rotor alone to the speed limit [s]
+PAYLOAD_SHARE = 0.05  # payload over the moving mass
+NOISE_SHARE = 0.0025  # torque noise over the usual torque
+TURN = 2.0 * np.pi / 2**16  # encoder step at the motor shaft [rad]
+STRENGTH = 2.5  # torque limit over the torque that holds and starts the arm
+POSTURES = 200  # random postures in which the arm's weight and inertia are computed
 USUAL = "the usual torque (between the torque limit and what the arm needs)"
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Figures that the user states of a robot, by joint; a single value is for all joints.
+    """Numbers that the user states about a robot, by joint; a single value is for all joints.
 
     Attributes
     ----------
     joints : list of str
-        The joints that move; all that can where empty.
+        Joints that move; empty for all movable joints of the URDF.
     coulomb, viscous : list of float
-        Friction on the joint side [N m or N; times s/rad or s/m].
+        Friction on the joint side [N m or N; N m s/rad or N s/m].
     efficiency, rated_torque : list of float
-        Of the gear; torque on the joint side [N m or N].
+        Efficiency of the gear [-], and the torque on the joint side at which it holds [N m or N].
     gear_ratio, rotor_inertia : list of float
-        Motor rad per joint unit; inertia of the motor's rotor [kg m^2].
+        Motor angle for a joint rad or m [rad]; inertia of the motor's rotor [kg m^2].
     torque_limit, speed_limit, acceleration_limit : list of float
-        On the joint side.
+        Limits on the joint side.
     payload : float or None
-        [kg]
+        Mass [kg]; None assumes one.
     payload_com : tuple of float
-        In the frame of the last joint's link [m].
+        Centre of mass in the frame of the last joint's link [m].
     gravity : tuple of float
-        In the base frame [m/s^2].
+        Gravity in the base frame [m/s^2].
     """
 
     joints: Sequence[str] = ()
@@ -88,21 +88,21 @@ def make_robot(
     ----------
     urdf : path-like
     name : str
-        Of the model.
+        Name of the model.
     stated : Stated
 
     Returns
     -------
     RobotModel
     dict of str to Figures
-        Where the numbers by joint are from, by field.
+        Numbers by joint with their origins, by field.
     list of str
-        What the user should know: limits that had to be raised.
+        Notes for the user, such as limits that had to be raised.
 
     Raises
     ------
     InputError
-        Where the URDF cannot be used, or a stated number is none.
+        Where the URDF cannot be used, or a stated number is not valid.
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -115,6 +115,7 @@ def make_robot(
 
 
 def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict[str, Figures], list[str]]:
+    """Build the model as `make_robot` does, without its handling of arithmetic errors."""
     tree = parse_urdf(urdf)
     joints, left = (list(stated.joints), []) if stated.joints else free_joints(tree)
     text = normalise_urdf(urdf, joints)
@@ -158,18 +159,18 @@ def _make(urdf: str | Path, name: str, stated: Stated) -> tuple[RobotModel, dict
 
 
 def _find_usual(limit: Array, needed: Array, friction: Mapping[str, Figures], speed: Array) -> Array:
-    """Torque (n,) that a drive of the joint's size works with.
+    """Estimate the torque (n,) that a joint's drive typically gives; friction and noise are shares of it.
 
-    The limit may be a placeholder, far beyond what the joint ever needs; the torque that the arm needs at a
-    light wrist is far below that of its drive. So the usual torque is the geometric mean of the two, unless
-    the stated friction is larger.
+    The torque limit alone may be a placeholder far above what the joint needs. The torque that the arm needs
+    may, at a light wrist, be far below what the drive can give. So the estimate is the geometric mean of the
+    two. It is raised where stated friction implies a larger torque, and cut at the limit.
     """
     stated = [friction["coulomb"].values / COULOMB_SHARE, friction["viscous"].values * speed / VISCOUS_SHARE]
     return np.minimum(limit, np.nanmax([*stated, np.sqrt(limit * needed)], axis=0))
 
 
 def _refuse_odd(urdf: str, ordered: Sequence[Joint], speed: Figures) -> None:
-    """Refuse joints that cannot move: no test-cycle could be planned."""
+    """Refuse joints without range or with an impossible speed limit: no test-cycle could be planned."""
     for joint, value in zip(ordered, speed.values.tolist(), strict=True):
         if joint.upper - joint.lower < LEAST_RANGE:
             raise InputError(f"{urdf}: joint '{joint.name}' has no room between its limits; correct them.")
@@ -181,7 +182,7 @@ def _refuse_odd(urdf: str, ordered: Sequence[Joint], speed: Figures) -> None:
 
 
 def _from_urdf(ordered: Sequence[Joint], key: str, element: str = "limit") -> Figures:
-    """What the URDF states of joints; NaN where it states nothing."""
+    """Return a number that the URDF states for each joint; NaN where it states none."""
     values = np.array([getattr(joint, key) for joint in ordered])
     return Figures(
         np.where(values < OPEN_LIMIT, values, np.nan), (f"given: URDF, {element} {key}",) * len(ordered)
@@ -189,6 +190,7 @@ def _from_urdf(ordered: Sequence[Joint], key: str, element: str = "limit") -> Fi
 
 
 def _choose_payload(stated: Stated, mass: float) -> dict[str, Any] | None:
+    """Return the payload that the user states, or a share of the moving mass [kg]; None where it is 0."""
     chosen = float(f"{PAYLOAD_SHARE * mass:.2g}") if stated.payload is None else float(stated.payload)
     if not np.isfinite(chosen) or chosen < 0.0:
         raise InputError(f"--payload {chosen:g}: give a mass in kg, 0 for none.")
@@ -196,7 +198,7 @@ def _choose_payload(stated: Stated, mass: float) -> dict[str, Any] | None:
 
 
 def _draw_postures(ordered: Sequence[Joint]) -> Array:
-    """Postures (P, n) over the range of motion, home among them."""
+    """Draw postures (P, n) over the range of motion; the first is the posture nearest to zero."""
     low = np.array([max(joint.lower, -np.pi) for joint in ordered])
     high = np.array([min(joint.upper, np.pi) for joint in ordered])
     drawn = np.random.default_rng(0).uniform(low, high, (POSTURES, len(ordered)))
@@ -204,6 +206,7 @@ def _draw_postures(ordered: Sequence[Joint]) -> Array:
 
 
 def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[str, Figures]:
+    """Return gear ratios, and rotor inertias as seen at the joints [kg m^2 or kg]."""
     gear = take_option("gear-ratio", stated.gear_ratio, n, "other than 0")
     ratio = choose(
         gear, assume(MOTOR_SPEED / speed, f"{MOTOR_SPEED:g} rad/s of the motor at the speed limit")
@@ -222,7 +225,7 @@ def _choose_drive(stated: Stated, n: int, speed: Array, usual: Array) -> dict[st
 def _read_friction(
     stated: Stated, ordered: Sequence[Joint], torque: Array, speed: Array
 ) -> dict[str, Figures]:
-    """Friction that options or the URDF state; NaN where neither does."""
+    """Return the friction that options or the URDF state; NaN where neither does."""
     n = len(ordered)
     efficiency = take_option("efficiency", stated.efficiency, n)
     losses: list[Figures | None] = [None, None]
@@ -248,6 +251,7 @@ def _read_friction(
 
 
 def _choose_friction(read: Mapping[str, Figures], usual: Array, speed: Array) -> dict[str, Figures]:
+    """Return the stated friction; where there is none, a share of the usual torque."""
     coulomb = assume(COULOMB_SHARE * usual, f"{100 * COULOMB_SHARE:g} % of {USUAL}")
     viscous = assume(VISCOUS_SHARE * usual / speed, f"{100 * VISCOUS_SHARE:g} % of {USUAL} at the limit")
     return {"coulomb": choose(read["coulomb"], coulomb), "viscous": choose(read["viscous"], viscous)}
@@ -261,7 +265,7 @@ def _make_fields(
     payload: dict[str, Any] | None,
     usual: Array,
 ) -> dict[str, Any]:
-    """Content of the model file, its acceleration limits still to be found."""
+    """Return the content of the model file, without the acceleration limits, which are found later."""
     n = len(joints)
     ratio = figures["gear_ratio"].values
     effects = [
@@ -308,12 +312,13 @@ def _make_fields(
 
 
 def copy_urdf(urdf: str | Path, folder: Path) -> None:
-    """Put the maker's file next to the model."""
+    """Copy the maker's URDF into the model's folder."""
     target = folder / "robot.urdf"
     if Path(urdf).resolve() != target.resolve():
         copy_file(urdf, target)
 
 
+#: Units of the drive's fields, as comments in the model file state them.
 _UNITS = {
     "gear_ratio": "motor rad per joint unit",
     "rotor_inertia": "at the joint, kg m^2 (kg)",
@@ -326,16 +331,17 @@ _UNITS = {
 def write_model_text(
     model: RobotModel, figures: Mapping[str, Figures], urdf: str, payload_given: bool, gravity_given: bool
 ) -> str:
-    """Content of ``model.yaml``.
+    """Return the text of ``model.yaml``, with comments on the origin of each number.
 
     Parameters
     ----------
     model : RobotModel
     figures : mapping of str to Figures
-        By field of the drive.
+        Numbers with origins, by field of the drive.
     urdf : str
-        Where the URDF came from.
+        Original path of the URDF.
     payload_given, gravity_given : bool
+        Whether the user stated them.
     """
     drive = {key: (unit, figures[key].describe(model.joints)) for key, unit in _UNITS.items()}
     jerk = ("rad/s^3 (m/s^3)", "assumed: 10 1/s times the acceleration limit")

@@ -1,7 +1,4 @@
-"""Servos: published constants, what the user says of them, and their columns in a recording.
-
-A preset is one entry of `PRESETS`.
-"""
+"""Servos: presets of published constants, the option that states a servo, and its columns in a recording."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,31 +11,32 @@ from wearscope.robots.servos import COLUMNS, ServoFields, read_servo
 from wearscope.robots.spatial import Array
 from wearscope.starters.columns import Group, find_groups, is_commanded, match_pattern
 
-#: Constants at the output shaft. Rhoban/bam (Apache-2.0, ``params/<servo>/m6.json``) publishes them as fitted
-#: together with its fullest friction law, from recordings of a pendulum; with another law they differ.
-#: XL330: 885 counts are full duty by its maker's manual. MX-64, MX-106: largest duty measured there.
-#: STS3215: at 7.4 V; its load is in counts of 1000.
+#: Constants at the output shaft, by servo. They come from Rhoban/bam (Apache-2.0,
+#: ``params/<servo>/m6.json``), where they were fitted to recordings of a pendulum together with the most
+#: detailed friction law; with another friction law they would differ. XL330: 885 counts are full duty by the
+#: maker's manual. MX-64, MX-106: the largest duty was measured in the same work. STS3215: at 7.4 V; its load
+#: column counts 1000 for full duty.
 PRESETS: dict[str, dict[str, Any]] = {
     "xl330": {"law": "duty", "kt": 0.304, "resistance": 2.45, "duty_full": 885.0},
     "mx64": {"law": "voltage", "kt": 1.602, "resistance": 2.316, "duty_limit": 0.9625},
     "mx106": {"law": "voltage", "kt": 2.21, "resistance": 2.034, "duty_limit": 0.9625},
     "sts3215": {"law": "duty", "kt": 1.275, "resistance": 2.753, "duty_full": 1000.0},
 }
-#: Kinds of a servo's columns, next to those of every recording.
+#: Kinds of columns that only servos have.
 SERVO_KINDS = ("goal", "duty", "gain", "volts", "on")
-#: Whole numbers above this are tenths of a volt, the unit of these servos' registers.
+#: A supply voltage in whole numbers above this is in tenths of a volt, the unit of these servos' registers.
 _TENTHS = 30.0
-#: Columns that are taken where a recording has them.
+#: Columns that a law can use and does not need, by law.
 _OPTIONAL = {"voltage": ("volts", "on"), "duty": ("goal", "volts", "on"), "current": ("on",)}
 
 
 def read_servo_option(text: str) -> ServoFields:
-    """Servo from ``PRESET``, ``name=value,...``, or ``PRESET,name=value,...``.
+    """Read a servo from the text ``PRESET``, ``name=value,...``, or ``PRESET,name=value,...``.
 
     Raises
     ------
     InputError
-        Where a preset or constant is not known, missing or no positive number.
+        Where a preset or constant is unknown, missing or not a positive number.
     """
     stated: dict[str, Any] = {}
     for part in (one.strip() for one in text.split(",")):
@@ -69,7 +67,7 @@ def choose_servo_groups(
     patterns: Mapping[str, str],
     movable: Sequence[str] = (),
 ) -> dict[str, Group]:
-    """Columns of a servo's goal, duty, current, supply and switch, by kind.
+    """Choose the columns of a servo's goal, duty, gain, current, supply voltage and on/off switch, by kind.
 
     Parameters
     ----------
@@ -77,9 +75,9 @@ def choose_servo_groups(
     columns, joints : sequence of str
     servo : ServoFields
     patterns : mapping of str to str
-        By kind, as the user names them.
+        Columns that the user names, by kind.
     movable : sequence of str
-        As of `find_groups`.
+        As for `wearscope.starters.columns.find_groups`.
 
     Raises
     ------
@@ -111,15 +109,17 @@ def choose_servo_groups(
 
 
 def read_raw_units(file: Path, values: dict[str, Array], counts: Sequence[float]) -> list[str]:
-    """Bring a servo's own units to volts and to counts from the middle of its turn, with notes.
+    """Convert a servo's raw units in place: tenths of a volt, and counts that start at the turn's end.
+
+    Voltages become volts. Counts become counts from the middle of the turn. Returns notes on both.
 
     Parameters
     ----------
     file : Path
     values : dict of str to ndarray (N, n)
-        Columns by kind, which are changed.
+        Values by kind; they are changed.
     counts : sequence of float
-        Of a turn, for each joint or for all; empty where positions are no counts.
+        Counts for a turn, for each joint or for all; empty where positions are not counts.
     """
     notes = []
     volts = values.get("volts")

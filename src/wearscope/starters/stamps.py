@@ -1,4 +1,4 @@
-"""Time stamps of any unit and origin as seconds, and the rate that they have."""
+"""Converts time stamps of any unit and origin to seconds, and finds their sample rate."""
 
 import re
 import warnings
@@ -11,8 +11,8 @@ from wearscope.errors import InputError, describe
 from wearscope.robots.spatial import Array
 from wearscope.starters.columns import find_time, says_time, split_name
 
-#: Units of time stamps, in seconds.
-_DAY = 86400.0
+_DAY = 86400.0  # [s]
+#: Length of each unit of time stamps [s].
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": _DAY}
 #: Other words for these units in a column's name.
 _NAMES = {
@@ -22,17 +22,20 @@ _NAMES = {
     "ns": {"nsec", "nsecs", "nanosec", "nanos", "nanoseconds"},
     "d": {"days"},
 }
-#: Range of sampling rates of robots [Hz], 5 Hz of rounded stamps among them; a unit that gives a rate outside
-#: is not the clock's.
+#: Range of sample rates of robots [Hz]; it includes 5 Hz with rounded stamps. A unit of time that gives a
+#: rate outside the range is not that of the clock.
 _SLOWEST, _FASTEST = 4.99, 20_000.0
-#: Share of repeated stamps from which the clock is coarse, and of rows out of order that are sorted.
+#: A clock is coarser than the samples where more than the first share of its stamps repeat. Rows out of order
+#: are sorted where they are at most the second share.
 _COARSE, _UNSORTED = 0.1, 0.02
+#: A step longer than this many median steps is a gap, and does not count for the rate.
 _LOSS = 1.6
 #: A column with at most this many different dates tells the day of the recording, not the time.
 _FEW_DATES = 2
-#: A clock restarts where it goes back by this share of the time so far; fewest rows of a recording.
+#: A clock restarts where it goes back by more than this share of the time recorded so far; fewest rows of a
+#: recording.
 _BACK, _FEWEST = 0.5, 50
-#: Share of a column that must be numbers for the rest to be rows without a time.
+#: A column holds numbers where more than this share of its cells do; the other cells have no time.
 _NUMBERS = 0.5
 _ELSE = "name another column with --time, or leave this one out and give --rate."
 _STANDS = f"does not increase; {_ELSE}"
@@ -41,7 +44,7 @@ _STANDS = f"does not increase; {_ELSE}"
 def to_seconds(
     stamps: pd.Series, where: str, unit: str | None = None, name: str = "t"
 ) -> tuple[Array, list[str]]:
-    """Time (N,) in seconds from the first row, with notes on what was taken for what.
+    """Convert time stamps to seconds (N,) from the first row, with notes on how they were read.
 
     Parameters
     ----------
@@ -50,14 +53,14 @@ def to_seconds(
     where : str
         File and column, for messages.
     unit : str, optional
-        Of `UNITS`; told by name and step where left out.
+        A key of `UNITS`; by default it is guessed from the column's name and its steps.
     name : str
-        Of the column.
+        Name of the column.
 
     Raises
     ------
     InputError
-        Where they are neither, or no unit gives a robot's rate.
+        Where the stamps are neither numbers nor dates, or no unit gives a robot's sample rate.
     """
     notes = []
     if pd.api.types.is_bool_dtype(stamps):
@@ -74,7 +77,7 @@ def to_seconds(
                 f"{where}: is no number and no date ({told}); name the time with --time."
             ) from None
         return since - since[0], [f"{where}: read as dates."]
-    # Large integers keep their last digits when the origin goes first.
+    # The origin is subtracted before the conversion to float, so that large integers keep their last digits.
     first = stamps.dropna().iloc[0] if stamps.notna().any() else 0
     t = (stamps - first).to_numpy(dtype=float)
     if unit is None:
@@ -87,9 +90,9 @@ def to_seconds(
 
 
 def _read_dates(stamps: pd.Series, errors: Literal["raise", "coerce"]) -> Array:
-    """Dates, or times of a day that may end among them, in seconds (N,) from any origin."""
+    """Convert dates, or times of the day that may pass midnight, to seconds (N,) from any origin."""
     text = stamps.astype(str).str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
-    # Day or month first: the order that makes the recording shorter.
+    # Of the two orders, day or month first, the one that makes the recording shorter is taken.
     orders = (False, True) if re.match(r"\d{1,2}[./-]\d{1,2}[./-]\d", str(text.iloc[0])) else (False,)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # where a day cannot be a month
@@ -105,7 +108,7 @@ def _read_dates(stamps: pd.Series, errors: Literal["raise", "coerce"]) -> Array:
 
 
 def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
-    """Unit, and what tells it."""
+    """Guess the unit of times (N,); return it, and whether the column's name or its step tells it."""
     steps = np.diff(t[np.isfinite(t)])
     steps = steps[steps > 0.0]
     if not len(steps):
@@ -127,7 +130,10 @@ def _guess_unit(t: Array, where: str, column: str) -> tuple[str, str]:
 
 
 def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
-    """Column of the running time, or two columns of a stamp; not a date, not the time of arrival."""
+    """Find the column of the running time, or the two columns of seconds and nanoseconds.
+
+    Columns that hold only the date, or times out of order, are passed over where there is another.
+    """
     every = [str(column) for column in frame.columns]
     columns = list(every)
     while names := find_time(columns):
@@ -141,9 +147,9 @@ def find_clock(frame: pd.DataFrame) -> tuple[str, ...]:
 
 
 def find_restarts(stamps: pd.Series) -> list[int]:
-    """Rows at which a clock restarts, as where several recordings stand in one file.
+    """Find the rows at which a clock restarts, as where one file holds several recordings.
 
-    A row that is merely out of order goes back by a small part of the time recorded so far.
+    A row that is merely out of order goes back by only a small part of the time recorded so far.
     """
     numbers = pd.to_numeric(stamps, errors="coerce")
     if numbers.notna().sum() <= _NUMBERS * len(stamps):
@@ -158,10 +164,10 @@ def find_restarts(stamps: pd.Series) -> list[int]:
 
 
 def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
-    """Rows to keep, in order of time, and their times, with notes.
+    """Return the rows to keep in order of time, their times, and notes.
 
-    A few rows out of order are sorted and repeated ones dropped; where many stamps repeat, the clock is
-    coarser than the samples, which are then spread evenly between its ticks.
+    A few rows out of order are sorted, and rows with a repeated stamp are dropped. Where many stamps repeat,
+    the clock is coarser than the samples; the samples are then spread evenly between its ticks.
 
     Raises
     ------
@@ -184,7 +190,7 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
     kept = t[rows]
     again = np.concatenate([[False], np.diff(kept) <= 0.0])
     if np.mean(again) > _COARSE:
-        # Where within its tick a clock begins and ends is not known.
+        # The recording may start and end anywhere within a tick, so the first and last tick are not used.
         ticks = np.flatnonzero(~again)[1:]
         if not len(ticks):
             raise InputError(f"{where}: {_STANDS}")
@@ -198,7 +204,7 @@ def order_rows(t: Array, where: str) -> tuple[np.ndarray, Array, list[str]]:
 
 
 def find_rate(t: Array) -> float:
-    """Sampling rate [Hz] of times (N,): the median step's, or the mean one's where the clock jitters."""
+    """Return the sample rate [Hz] of times (N,): from the median step, or the mean step where they jitter."""
     steps = np.diff(t)
     median = float(np.median(steps))
     mean = float(np.mean(steps[steps < _LOSS * median]))

@@ -1,4 +1,7 @@
-"""Joint states that stand as lists in cells, or by number next to columns of the joints' names."""
+"""Spreads joint states over columns: from lists in cells, or from rows of one joint each.
+
+Columns that are numbered, next to columns that hold the joints' names, are renamed.
+"""
 
 import re
 from typing import Any
@@ -10,18 +13,22 @@ from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.starters.columns import find_time, split_name
 
-#: Cells that are a list, and names of columns with a number at their end.
+#: A cell that is a list in text; a column's name with a number at its end.
 _LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
 _NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
 
-#: Words of a column that names the joint of a row. Least share of rows whose joint differs from that of the
-#: row before, and least count of a joint's rows over the largest count.
+#: Words of a column that names the joint of each row.
 _JOINT = set("joint joints axis axes achse jnt motor actuator gelenk signal channel variable".split())
+#: Joints take turns where more than this share of the rows are of another joint than the row before, and
+#: where no joint has fewer rows than this share of the largest count.
 _TURNS = 0.8
 
 
 def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
-    """Table with a column for each value of lists, and joints' names in place of numbers where it has them.
+    """Return the table with one column for each joint and signal.
+
+    Lists in cells are spread over numbered columns. Numbers are replaced by joints' names where the table has
+    these. Rows of one joint each become rows of all joints.
 
     Parameters
     ----------
@@ -57,13 +64,13 @@ def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
-    """Table with joints side by side, where each row is of one joint that a column names or numbers."""
+    """Place the joints side by side where a column names each row's joint; else return the table as it is."""
     time = find_time([str(column) for column in frame.columns])
     for key in [str(column) for column in frame.columns if str(column) not in time]:
         counts = frame[key].value_counts()
-        # Joints take turns, each as often as the others; names of states or of recordings do not.
         words = set(split_name(key)) if frame[key].notna().all() else set()
-        # Recordings have names and numbers too, but follow each other instead of taking turns.
+        # A column that names or numbers recordings does not take turns, and its values are not equally
+        # frequent as a rule.
         turns = words & (_JOINT | {"name", "id"}) and _take_turns(frame[key])
         turns = turns or (words & _JOINT and _follow(frame, key, time))
         if not turns or not 1 < len(counts) <= limits.JOINTS or counts.min() < _TURNS * counts.max():
@@ -71,7 +78,8 @@ def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
         values = [column for column in frame.columns if column != key and str(column) not in time]
         whole = frame.assign(**{column: pd.to_numeric(frame[column], errors="coerce") for column in values})
         values = [column for column in values if whole[column].notna().any()]
-        # Rows of one stamp are one sample; where each row has its own, a joint's rows are counted.
+        # Rows with the same stamp are one sample. Where each row has a stamp of its own, the k-th rows of all
+        # joints are one sample.
         own = len(time) == 1 and frame[time[0]].nunique() < 1.5 * counts.max()
         own = own and not frame.duplicated([time[0], key]).any()
         sample = frame[time[0]] if own else frame.groupby(key).cumcount()
@@ -84,12 +92,12 @@ def _pivot(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _take_turns(key: pd.Series) -> bool:
-    """Whether each row is of another joint than the one before."""
+    """Return whether nearly every row is of another joint than the row before."""
     return bool(np.mean(key.to_numpy()[1:] != key.to_numpy()[:-1]) > _TURNS)
 
 
 def _follow(frame: pd.DataFrame, key: str, time: tuple[str, ...]) -> bool:
-    """Whether joints stand one below the other, each with all of the time."""
+    """Return whether the joints follow each other in blocks, each of which covers the time from its start."""
     if len(time) != 1:
         return False
     ends = np.flatnonzero(frame[key].to_numpy()[1:] != frame[key].to_numpy()[:-1])
@@ -98,7 +106,7 @@ def _follow(frame: pd.DataFrame, key: str, time: tuple[str, ...]) -> bool:
 
 
 def _take_names(frame: pd.DataFrame) -> pd.DataFrame:
-    """Columns by the joints' names, where these stand in columns of their own and never change."""
+    """Rename numbered columns by the joints' names, where other columns hold these and never change."""
     found = {str(column): _NUMBERED.fullmatch(str(column)) for column in frame.columns}
     joints = {}
     for column, match in found.items():

@@ -1,4 +1,4 @@
-"""A study's folder: its configuration, and a Snakefile that includes the installed workflow."""
+"""Writes a study's folder: its configuration, and a Snakefile that includes the installed workflow."""
 
 import os
 import shutil
@@ -15,10 +15,13 @@ from wearscope.simulation.feasibility import check_robot
 from wearscope.starters.writing import check_folder_name, fill_template, new_folder, quote
 from wearscope.storage.files import copy_file
 
-#: Robot that lends wear and temperature to models without them, such as those that a diagnosis wrote.
+#: Robot whose dependence of friction on wear and temperature is copied to models that have none, such as
+#: those that a diagnosis wrote.
 LENDER = "medium"
-#: Effect whose Coulomb friction a small study also doubles.
+#: Friction law of the paper's eq. (17). Where all robots have it, a small study also tests doubled Coulomb
+#: friction.
 EQ_17 = "friction_wear_temperature"
+#: Detectors, and test-cycles, of a new study where the user names none.
 DETECTORS = {
     "A": "{use: residual_energy, options: {align: path}}",
     "B": "distribution_distance",
@@ -45,12 +48,12 @@ FACTORS: dict[str, tuple[str, str, tuple[float, float], str, tuple[float, float]
 
 
 def choose_factors(models: Sequence[RobotModel]) -> tuple[list[str], list[str]]:
-    """Factors of the paper that act on every robot, and a note for each factor that does not.
+    """Return the paper's factors that act on every robot, and a note for each factor that does not.
 
     Raises
     ------
     InputError
-        Where wear acts on none.
+        Where wear does not act on one of the robots.
     """
     chosen: list[str] = []
     notes: list[str] = []
@@ -86,23 +89,23 @@ def write_study(
     Parameters
     ----------
     target : Path
-        Its last part is the study's name.
+        Folder to write; its last part is the study's name.
     robots, cycles : sequence of str
-        Names, or paths from the working directory.
+        Names, or paths relative to the working directory.
     detectors : mapping of str to str, optional
-        Name of the module, or path, by the name in the study.
+        Name of the module, or path, by the detector's name in the study.
     large : bool
-        As large as the paper's study; otherwise one that ends in a minute or two.
+        Whether the study is as large as the paper's; otherwise it takes a minute or two.
 
     Returns
     -------
     list of str
-        Notes.
+        Notes for the user.
 
     Raises
     ------
     InputError
-        Where a robot cannot be used, or the folder is there already.
+        Where a robot cannot be used, or the folder exists already.
     """
     name = check_folder_name(target.name, "study")
     models = [load_model(robot) for robot in robots]
@@ -150,12 +153,13 @@ def write_study(
 
 
 def _relate(reference: str, target: Path) -> str:
-    """A path from the working directory as one from the study's folder, in YAML; names stay."""
+    """Return a path relative to the study's folder, as YAML text; a name that is no path stays as it is."""
     there = Path(reference).exists()
     return quote(Path(os.path.relpath(reference, target)).as_posix() if there else reference)
 
 
 def _describe_factor(name: str) -> str:
+    """Return the line of a factor in the configuration."""
     description, kind, span, unit, validation = FACTORS[name]
     return (
         f"{name}: {{description: {description}, kind: {kind}, range: {list(span)}, unit: {unit}, "

@@ -1,4 +1,4 @@
-"""Tables in text as recorders write them: lines before the header, a row of units, any separator."""
+"""Reads text tables as recorders write them: lines above the header, a row of units, any separator."""
 
 import codecs
 import csv
@@ -16,22 +16,22 @@ from wearscope.errors import InputError
 
 _SEPARATORS = ",;\t| "
 _COMMENTS = "#%/"
-#: Numbers must begin within this many lines, and this many characters.
+#: The first row of numbers must come within this many lines, and this many characters.
 _LOOK, _HEAD = 400, 8_000_000
-#: Share of a column's cells that must be numbers for the other cells to count as missing; share of the usual
-#: count of numbers that makes a line a row.
+#: A column holds numbers where more than the first share of its cells do; its other cells count as missing. A
+#: line is a row where it has at least the second share of the usual count of numbers.
 _NUMBERS, _ROW = 0.5, 0.8
-#: The D of an exponent as Fortran writes it.
+#: The D that Fortran writes before an exponent.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 #: Typographic minus signs and dashes, read as a minus.
 SIGNS = {0x2212: "-", 0x2013: "-"}
-#: Share of a column's cells that may be damaged.
+#: Largest share of a column's cells that may be damaged numbers.
 _FEW_ODD = 0.01
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text is a table: separator, its lines above the numbers and where these begin."""
+    """Layout of a text table: separator, cells of the lines above the numbers, first row, number of cells."""
 
     separator: str
     above: tuple[list[str], ...]
@@ -40,13 +40,13 @@ class _Layout:
 
 
 def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, list[str]]:
-    """Table of a text file, with notes on how it was read; `InputError` where it is none.
+    """Read a text file as a table, with notes on how it was read; `InputError` where that is not possible.
 
     Parameters
     ----------
     path : Path
     columns : sequence of str, optional
-        Names of the columns, of a file that has none.
+        Names of the columns, for a file without names.
     """
     encoding = _find_encoding(path)
     with path.open(encoding=encoding) as file:
@@ -100,7 +100,7 @@ def read_text(path: Path, columns: Sequence[str] = ()) -> tuple[pd.DataFrame, li
 
 
 def _find_encoding(path: Path) -> str:
-    """UTF-16 and UTF-32 by their marks, UTF-8 where all of the file is such, else Latin-1."""
+    """Find the encoding: UTF-16 or UTF-32 by its mark, UTF-8 where the whole file is valid, else Latin-1."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         block = file.read(1 << 20)
@@ -119,12 +119,14 @@ def _find_encoding(path: Path) -> str:
 
 
 def _split(line: str, separator: str) -> list[str]:
+    """Split a line into cells."""
     if separator == " ":
         return line.split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _is_number(text: str) -> bool:
+    """Return whether a text is a number, also with a typographic minus or Fortran's exponent."""
     try:
         float(_FORTRAN.sub("e", text.translate(SIGNS)))
         return True
@@ -133,6 +135,7 @@ def _is_number(text: str) -> bool:
 
 
 def _count_numbers(line: str, separator: str) -> int:
+    """Count the cells of a line that are numbers; a comment has none."""
     if line.lstrip().startswith(tuple(_COMMENTS)):
         return 0
     cells = _split(line, separator)
@@ -140,21 +143,22 @@ def _count_numbers(line: str, separator: str) -> int:
 
 
 def _is_row(line: str, separator: str, usual: float) -> bool:
-    """Whether a line has about the usual count of numbers, or only numbers and empty cells."""
+    """Return whether a line has about the usual count of numbers, or only numbers and empty cells."""
     cells = _split(line, separator)
     numbers, filled = _count_numbers(line, separator), sum(bool(cell) for cell in cells)
     return len(cells) >= usual and (numbers >= max(_ROW * usual, 1.0) or numbers == filled > 1)
 
 
 def _find_layout(path: Path, lines: list[str]) -> _Layout:
-    """Separator by which most cells are numbers, and the lines above the first row of numbers."""
+    """Find the separator that gives most numbers, and the lines above the first row of numbers."""
     counts = {
         one: np.array([_count_numbers(line, one) for line in lines if line.strip()]) for one in _SEPARATORS
     }
     separator = max(_SEPARATORS, key=lambda one: float(np.median(counts[one][len(counts[one]) // 2 :])))
     usual = float(np.median(counts[separator][len(counts[separator]) // 2 :]))
     if usual < 2.0:
-        # A date next to one number, or columns of words: the separator is the character that every line has.
+        # With a date next to a single number, or columns of words, counting numbers does not help. Then the
+        # separator is the character that every line has.
         some = [line for line in lines if line.strip() and not line.startswith(tuple(_COMMENTS))][:20]
         separator = max(_SEPARATORS, key=lambda one: min((line.count(one) for line in some), default=0))
         if not some or not some[0].count(separator):
@@ -166,7 +170,7 @@ def _find_layout(path: Path, lines: list[str]) -> _Layout:
 
 
 def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], list[str]]:
-    """Names and units by column, and notes on lines that are neither."""
+    """Return the name and the unit of each column, and notes on how the lines above the numbers were read."""
     above = layout.above
     if not above:
         raise InputError(
@@ -177,7 +181,7 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
     told = [len({cell for cell in above[k] if cell}) for k in wide]
     header = wide[int(np.argmax(told))]
     names, joined = above[header], set[int]()
-    # Repeated names are joints or kinds; the row above or below then has the other of the two.
+    # Where names repeat, they are only joints or only kinds; the row above or below has the other part.
     for k in (header + 1, header - 1):
         if k in wide and len(set(names)) < len(names):
             upper, lower = (above[one] for one in sorted((header, k)))
@@ -202,7 +206,7 @@ def _name_columns(path: Path, layout: _Layout) -> tuple[list[str], list[str], li
 
 
 def _join_names(upper: list[str], lower: list[str]) -> list[str]:
-    """Names of two rows joined; an empty cell of the upper row continues the cell before it."""
+    """Join the names of two rows; an empty cell of the upper row repeats the cell to its left."""
     names, last = [], ""
     for k, below in enumerate(lower):
         last = (upper[k] if k < len(upper) else "") or last
@@ -211,7 +215,7 @@ def _join_names(upper: list[str], lower: list[str]) -> list[str]:
 
 
 def _has_decimal_commas(lines: list[str], separator: str) -> bool:
-    """Whether more cells are numbers with a decimal comma than with a decimal point."""
+    """Return whether more cells are numbers with a decimal comma than with a decimal point."""
     cells = [cell for line in lines if line.strip() for cell in _split(line, separator)]
     forms = [re.compile(rf"[+-]?[\d.,]*{mark}\d*([de][+-]?\d+)?", re.IGNORECASE) for mark in (",", r"\.")]
     commas, points = (sum(form.fullmatch(cell) is not None for cell in cells) for form in forms)
@@ -219,7 +223,10 @@ def _has_decimal_commas(lines: list[str], separator: str) -> bool:
 
 
 def _to_numbers(column: pd.Series, point: str) -> pd.Series:
-    """Numbers of a column, of which a few cells may be text (a line of sums) or have thousands separators."""
+    """Convert a column to numbers; a few cells may be text, and numbers may have thousands separators.
+
+    A column that holds mostly text, or many odd cells, is returned unchanged.
+    """
     mark, text = "." if point == "," else ",", column.astype(str).str.strip()
     grouped = text.str.fullmatch(rf"[+-]?\d{{1,3}}(\{mark}\d{{3}})+(\{point}\d*)?")
     text = text.str.translate(SIGNS)
@@ -231,9 +238,9 @@ def _to_numbers(column: pd.Series, point: str) -> pd.Series:
 
 
 def find_odd(column: pd.Series, numbers: pd.Series) -> pd.Series:
-    """Cells with digits that are no numbers, where there are more than a damaged few; else no cells.
+    """Return the cells that contain digits and are no numbers; none where only a few are damaged.
 
-    A word means that there is no value.
+    A cell of letters alone, such as ``nan`` or ``off``, counts as a missing value.
     """
     odd = column[numbers.isna() & column.notna()].astype(str)
     odd = odd[odd.str.contains(r"\d")]
@@ -241,7 +248,7 @@ def find_odd(column: pd.Series, numbers: pd.Series) -> pd.Series:
 
 
 def _drop_repeated(path: Path, frame: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
-    """The table without columns that repeat the name and values of another."""
+    """Drop columns that repeat name and values of another; refuse those that repeat only the name."""
     again = np.flatnonzero(frame.columns.duplicated())
     for k in again.tolist():
         name = str(frame.columns[k])

@@ -1,4 +1,4 @@
-"""Units and sides of positions and torques, told by names and sizes where the user does not say them."""
+"""Units of positions and torques, and their side of the gear: stated, or told by names and magnitudes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from wearscope.starters.mapped import Mapped, choose_groups
 
 @dataclass(frozen=True)
 class _Scale:
-    """Units of positions of turning or sliding joints: the platform's and a smaller one."""
+    """Units of the positions of revolute or prismatic joints: the platform's and a smaller one."""
 
     slides: bool
     base: str
@@ -27,21 +27,31 @@ class _Scale:
     farthest: float
 
 
-#: Each scale has the largest position that is believed in the platform's unit [rad or m]. Positions beyond
-#: it, or beyond the URDF's limits by the factor `_BEYOND`, are in the smaller unit.
+#: The last field of each scale is the largest plausible position in the platform's unit [rad or m]. Positions
+#: beyond it are in the smaller unit. So are positions far beyond a joint's limit in the URDF that are, in the
+#: smaller unit, at most `_BEYOND` times that limit.
 _SCALES = (
     _Scale(False, "rad", "deg", np.pi / 180.0, 4.0 * np.pi),
     _Scale(True, "m", "mm", 1e-3, 30.0),
 )
 _BEYOND = 1.2
-#: Whole numbers that reach this far are counts of an encoder.
+#: Positions that are whole numbers and reach beyond this are encoder counts.
 _COUNTS = 1440.0
 
 
 def choose_units(
     read: Sequence[tuple[Path, Path, pd.DataFrame, Any]], ordered: Sequence[Joint], mapped: Mapped
 ) -> tuple[str, ...]:
-    """Units of the positions of all recordings, if the size of some tells them: a recorder has one unit."""
+    """Choose the unit of positions for all recordings, as one recorder writes one unit.
+
+    A unit that the user states or a column names is kept. Otherwise the magnitudes decide: where some
+    recordings look like degrees or mm and others do not, the majority.
+
+    Raises
+    ------
+    InputError
+        Where one recording contradicts the majority.
+    """
     units = tuple(mapped.position_units)
     for scale in _SCALES:
         own = _pick(ordered, scale)
@@ -73,6 +83,7 @@ def choose_units(
 
 
 def _pick(ordered: Sequence[Joint], scale: _Scale) -> list[int]:
+    """Return the indices of the joints, revolute or prismatic, that a scale is for."""
     return [k for k, joint in enumerate(ordered) if (joint.kind == "prismatic") == scale.slides]
 
 
@@ -84,7 +95,7 @@ def position_unit(
     mapped: Mapped,
     notes: list[str],
 ) -> Array:
-    """Factor (n,) from the recorded positions to rad or m, on the motor or joint side as recorded."""
+    """Return the factors (n,) from recorded positions to rad or m; the side of the gear is not changed."""
     counts = take_option("counts-per-turn", mapped.counts_per_turn, len(ordered), "above 0")
     if counts is not None:
         notes.append(f"{file.name}: positions are counts of encoders, as stated.")
@@ -128,6 +139,7 @@ def position_unit(
 
 
 def _are_small(file: Path, group: Group, values: Array, ordered: Sequence[Joint], scale: _Scale) -> bool:
+    """Return whether positions (N, n) are, by their magnitude, in the smaller unit (deg or mm)."""
     farthest = np.abs(values).max(axis=0, initial=0.0)
     limits = [max(abs(joint.lower), abs(joint.upper)) for joint in ordered]
     small = farthest.max() > scale.farthest or any(
@@ -144,7 +156,7 @@ def _are_small(file: Path, group: Group, values: Array, ordered: Sequence[Joint]
 
 
 def unwrap_counts(counts: Array) -> Array:
-    """Counts (N, n) of counters that begin again at a power of two, without their jumps."""
+    """Remove the jumps from counts (N, n) of counters that restart at a power of two."""
     reach = np.maximum(np.ptp(counts, axis=0), 1.0)
     period = 2.0 ** np.ceil(np.log2(reach + 1.0))
     return np.column_stack([np.unwrap(one, period=own) for one, own in zip(counts.T, period, strict=True)])
@@ -153,7 +165,10 @@ def unwrap_counts(counts: Array) -> Array:
 def unwrap_positions(
     numbers: pd.DataFrame, columns: Sequence[str], unit: Array, ordered: Sequence[Joint]
 ) -> set[str]:
-    """Unwrap angles in place, before any is taken between rows; names of the joints that wrapped."""
+    """Unwrap angles in place; return the joints whose angle jumped by a full turn.
+
+    This comes before any interpolation, which would produce wrong angles across a jump.
+    """
     wrapped = set()
     for joint, column, one in zip(ordered, columns, unit, strict=True):
         there = numbers[column].dropna()
@@ -168,7 +183,10 @@ def unwrap_positions(
 def align_turns(
     frames: Sequence[pd.DataFrame], wrapped: Sequence[Joint], side: str, notes: list[str]
 ) -> None:
-    """Shift wrapped joints by whole turns: the first recording to the URDF's limits, others to the first."""
+    """Shift unwrapped joints by whole turns, and add a note.
+
+    The first recording is shifted into the URDF's limits; the others are shifted next to the first.
+    """
     for joint in wrapped if side == "joint" else ():
         column = f"q_{joint.name}"
         middle = 0.5 * (joint.lower + joint.upper)
@@ -184,7 +202,7 @@ def align_turns(
 
 
 def take_ratios(gear: Figures | None, why: str, n: int) -> Array:
-    """Gear ratios (n,); `InputError` where they are missing."""
+    """Return the gear ratios (n,); `InputError` where they are missing, whose message begins with `why`."""
     if gear is None:
         raise InputError(f"{why}: needs the gear ratios; give --gear-ratio.")
     return gear.values
@@ -193,7 +211,7 @@ def take_ratios(gear: Figures | None, why: str, n: int) -> Array:
 def read_torque(
     file: Path, group: Group, values: Mapping[str, Array], mapped: Mapped, gear: Figures | None, n: int
 ) -> tuple[Array, list[str]]:
-    """Torque (N, n) on the joint side."""
+    """Convert the torque or current columns to torque (N, n) on the joint side [N m or N], with a note."""
     constant = take_option("torque-constant", mapped.torque_constant, n)
     told = ""
     factor = np.ones(n) if constant is None else constant.values

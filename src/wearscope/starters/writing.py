@@ -1,4 +1,4 @@
-"""Writes what is generated: new files and folders only, whole or not at all."""
+"""Writes generated files and folders: only where nothing exists, and whole or not at all."""
 
 import json
 import re
@@ -17,27 +17,27 @@ from wearscope.storage.files import FULL, explain_unwritten
 
 
 def quote(text: str) -> str:
-    """A text in YAML on one line, also in a list; in quotes where YAML may read something else.
+    """Return a text as YAML on one line, in quotes where YAML would read something else.
 
-    Such as ``yes``, ``1``, ``a, b``, or a name with an end of line in it.
+    Such texts are ``yes``, ``1``, ``a, b``, or a name with a line break.
     """
     plain = re.fullmatch(r"(?:[^\W\d]|[/.])[\w./ -]*", text) and yaml.safe_load(text) == text
     return text if plain else json.dumps(text)
 
 
 def flow(values: Iterable[object]) -> str:
-    """A list in YAML on one line: numbers with six digits, texts as `quote` has them."""
+    """Return a list as YAML on one line; numbers have six digits, texts are quoted where needed."""
     told = (quote(one) if isinstance(one, str) else f"{one:.6g}" for one in values)
     return f"[{', '.join(told)}]"
 
 
 def flow_map(values: Mapping[str, float]) -> str:
-    """A mapping of names to numbers in YAML on one line."""
+    """Return a mapping of names to numbers as YAML on one line."""
     return f"{{{', '.join(f'{quote(name)}: {one:.6g}' for name, one in values.items())}}}"
 
 
 def _escape(value: object) -> object:
-    """Text of a value in a template, without line breaks."""
+    """Escape line breaks in a text that a template inserts."""
     return escape_text(value) if isinstance(value, str) else value
 
 
@@ -51,16 +51,17 @@ _TEMPLATES.filters |= {"quote": quote, "flow": flow, "flow_map": flow_map}
 
 
 def fill_template(template: str, **values: object) -> str:
-    """Text of a template of this room."""
+    """Return the text of a template of this room, filled with values."""
     return _TEMPLATES.get_template(f"{template}.jinja").render(**values)
 
 
 def refuse_existing(*paths: Path) -> None:
-    """Refuse to write over what is there.
+    """Refuse to overwrite files or folders.
 
     Raises
     ------
     InputError
+        Where one of the paths exists.
     """
     for path in paths:
         if path.exists():
@@ -73,7 +74,7 @@ def write_files(files: Mapping[Path, str]) -> None:
     Raises
     ------
     InputError
-        Where one is there already, or cannot be written.
+        Where a file exists already, or cannot be written.
     """
     refuse_existing(*files)
     for path, text in files.items():
@@ -91,11 +92,12 @@ def write_schema(folder: Path, fields: type[BaseModel]) -> str:
     ----------
     folder : Path
     fields : type
+        Pydantic model of the fields.
 
     Returns
     -------
     str
-        First line of the YAML file, by which editors find the schema.
+        Comment for the first line of the YAML file, by which editors find the schema.
     """
     (folder / "schema.json").write_text(
         json.dumps(fields.model_json_schema(), indent=2) + "\n", encoding="utf-8"
@@ -105,12 +107,12 @@ def write_schema(folder: Path, fields: type[BaseModel]) -> str:
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill; it gets its name once all is well and is removed otherwise.
+    """Yield a temporary folder to fill; it is renamed to `target` afterwards, or removed after an error.
 
     Raises
     ------
     InputError
-        Where there is one already, or it cannot be written.
+        Where `target` exists already, or cannot be written.
     """
     refuse_existing(target)
     try:
@@ -131,11 +133,12 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 
 def check_identifier(name: str, what: str) -> str:
-    """Name that a Python file can have.
+    """Return the name if a Python module can have it.
 
     Raises
     ------
     InputError
+        Where it cannot.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise InputError(f"{what} '{name}': use small letters, digits and '_', and begin with a letter.")
@@ -143,11 +146,12 @@ def check_identifier(name: str, what: str) -> str:
 
 
 def check_folder_name(name: str, what: str) -> str:
-    """Name that a robot, study or data set can have.
+    """Return the name if a robot, study or data set can have it.
 
     Raises
     ------
     InputError
+        Where it cannot.
     """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
         raise InputError(
