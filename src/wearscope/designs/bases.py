@@ -1,4 +1,4 @@
-"""Model structures (2), (3) and (19) as lists of terms, and their model matrices."""
+"""Structures (2), (3) and (19) of quadratic surrogates as lists of terms, and their regression matrices."""
 
 import re
 from collections.abc import Sequence
@@ -15,20 +15,21 @@ _POWER = re.compile(r"([A-Za-z_]\w*)(?:\^([1-9]))?")
 
 
 def model_terms(model: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Terms of a named model structure.
+    """Return the terms of a model structure.
 
     Parameters
     ----------
     model : {"main", "full", "simplified"}
-        Main effects (2), full second order (3), or second order without cross or square terms of the
+        Main effects (2); full second order (3); or second order without interactions and square of the
         fault (19).
     names : sequence of str, (n,)
-        Factor names, the fault ``f`` among them.
+        Factor names, including the fault ``f``.
 
     Returns
     -------
     tuple of str
-        ``"1"``, the factors, the interactions ``"f:w1"``, the squares ``"w3^2"``, in that order.
+        ``"1"``, the factors, the interactions such as ``"f:w1"``, the squares such as ``"w3^2"``, in that
+        order.
 
     Raises
     ------
@@ -43,7 +44,7 @@ def model_terms(model: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
-    """Exponent of each factor in each term, shape (p, n).
+    """Return the exponent of each factor in each term, (p, n).
 
     Raises
     ------
@@ -66,12 +67,12 @@ def term_exponents(terms: Sequence[str], names: Sequence[str]) -> NDArray[np.int
 
 
 def linear_names(terms: Sequence[str]) -> tuple[str, ...]:
-    """Factor names of a model, in the order of its linear terms."""
+    """Return the factor names of a model, in the order of its linear terms."""
     return tuple(term for term in terms if term != "1" and ":" not in term and "^" not in term)
 
 
 def model_matrix(z: ArrayLike, names: Sequence[str], terms: Sequence[str]) -> NDArray[np.float64]:
-    """Regressors Phi(Z) of eqs. (1) and (5).
+    """Return the regressors Phi(Z) of eqs. (1) and (5).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a design can and cannot tell, before anything is simulated."""
+"""Checks of a design before it is simulated: which terms it can estimate, and how well."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -20,18 +20,18 @@ from wearscope.errors import InputError
 
 
 def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = PAPER_FACTORS) -> pd.DataFrame:
-    """Permute the wear columns of a design to one axis's point of view.
+    """Permute the wear columns of a design, so that ``f`` is the wear of one axis.
 
-    In a simulated point each wear factor (``f``, ``w1``, ``w2``) is the wear of an axis. The detector of an
-    axis sees the wear of its own axis as ``f`` and the wear of the other axes as ``w1``, ``w2``, in axis
-    order. All other columns stay.
+    In a simulated point each wear factor (``f``, ``w1``, ``w2``) is the wear of one axis. For the detector of
+    an axis, ``f`` is the wear of its own axis, and ``w1``, ``w2`` are those of the other axes in their order.
+    All other columns stay as they are.
 
     Parameters
     ----------
     design : DataFrame
-        Coded columns, natural columns or both.
+        Design with coded columns, natural columns or both.
     axis : int
-        One of `wearscope.designs.factors.wear_by_axis`.
+        An axis that `wearscope.designs.factors.wear_by_axis` returns.
     factors : sequence of Factor
 
     Returns
@@ -42,7 +42,7 @@ def view_for_axis(design: pd.DataFrame, axis: int, factors: Sequence[Factor] = P
     Raises
     ------
     InputError
-        Where the factors give wear to other axes only.
+        Where no factor is the wear of this axis.
     """
     wear = wear_names(factors)
     if not wear:  # the fault is the same for every axis
@@ -62,12 +62,12 @@ _TOLERANCE = 1e-8
 
 
 def coded_names(design: pd.DataFrame) -> list[str]:
-    """Coded factor columns of a design table: all but ``point`` and the natural ones."""
+    """Return the coded factor columns of a design: those that have a column of natural levels."""
     return [name for name in design.columns if name != "point" and f"{name}_natural" in design.columns]
 
 
 def cube_rows(z: ArrayLike) -> Array:
-    """Rows (N_c, n) of a coded matrix that are corners of a two-level cube, scaled to +-1."""
+    """Return the rows (N_c, n) of a coded matrix that are corners of a two-level cube, scaled to +-1."""
     z = np.asarray(z, dtype=float)
     size = np.abs(z)
     corners = z[(size.max(axis=1) > 0) & (size.max(axis=1) - size.min(axis=1) < 1e-9)]
@@ -78,7 +78,7 @@ def cube_rows(z: ArrayLike) -> Array:
 
 
 def defining_relation(z: ArrayLike, names: Sequence[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """Words of the defining relation of the cube part of a design: products of factors that never change.
+    """Return the defining relation of a design's cube: the products of factors that are constant.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def defining_relation(z: ArrayLike, names: Sequence[str]) -> list[tuple[int, tup
     Returns
     -------
     list of (sign, factors)
-        Shortest first; empty for a full factorial or where there is no cube.
+        Sign and factors of each product, the shortest first; empty for a full factorial or without a cube.
     """
     cube = cube_rows(z)
     words: list[tuple[int, tuple[str, ...]]] = []
@@ -104,13 +104,13 @@ def defining_relation(z: ArrayLike, names: Sequence[str]) -> list[tuple[int, tup
 
 
 def resolution(z: ArrayLike, names: Sequence[str]) -> int | None:
-    """Length of the shortest word of the defining relation; None without one (full factorial, no cube)."""
+    """Return the length of the shortest product in the defining relation; None where there is none."""
     words = defining_relation(z, names)
     return len(words[0][1]) if words else None
 
 
 def term_dependencies(phi: ArrayLike, terms: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Terms whose column is a combination of earlier ones, with that combination.
+    """Find the terms whose column is a linear combination of earlier columns.
 
     Parameters
     ----------
@@ -120,7 +120,8 @@ def term_dependencies(phi: ArrayLike, terms: Sequence[str]) -> dict[str, dict[st
     Returns
     -------
     dict
-        ``{"w1:w2": {"f": 1.0}}`` says that w1:w2 cannot be told from f; empty where phi has full rank.
+        The combination by term: ``{"w1:w2": {"f": 1.0}}`` means that w1:w2 cannot be told apart from f. It is
+        empty where phi has full rank.
     """
     phi = np.asarray(phi, dtype=float)
     scale = np.linalg.norm(phi, axis=0)
@@ -146,16 +147,16 @@ def term_dependencies(phi: ArrayLike, terms: Sequence[str]) -> dict[str, dict[st
 
 
 def prediction_variance(z: ArrayLike, names: Sequence[str], model: str, at: ArrayLike) -> NDArray[np.float64]:
-    """Variance of the predicted mean over that of a run, phi(z)' (Phi'Phi)^-1 phi(z).
+    """Return the variance of the predicted mean over that of a run, phi(z)' (Phi'Phi)^-1 phi(z).
 
     Parameters
     ----------
     z : array (N, n)
-        Design, coded.
+        Coded design.
     names : sequence of str, (n,)
     model : str
     at : array (M, n)
-        Where to predict, coded; at the design's own points these are the leverages.
+        Coded points of the prediction; at the design's own points the result is their leverage.
 
     Returns
     -------
@@ -175,17 +176,17 @@ def check_estimable(
     Parameters
     ----------
     design : DataFrame
-        Coded columns as the axis sees them.
+        Coded design as `view_for_axis` returns it.
     model : {"main", "full", "simplified"}
     names : sequence of str, optional
-        Factor columns; default those with a natural column next to them.
+        Factor columns; by default those that `coded_names` finds.
     axis : int, optional
-        Named in the message.
+        Axis to name in the message.
 
     Raises
     ------
     InputError
-        Naming the aliased terms and the remedy.
+        Where terms are aliased; the sentence names them and the remedy.
     """
     names = list(names or coded_names(design))
     terms = model_terms(model, names)
@@ -210,6 +211,7 @@ def check_estimable(
 
 
 def _name_some(terms: Sequence[str]) -> str:
+    """Name the first three terms and the number of the others."""
     if not terms:
         return "nothing (it is always 0)"
     rest = f" and {len(terms) - 3} more" if len(terms) > 3 else ""
@@ -219,7 +221,7 @@ def _name_some(terms: Sequence[str]) -> str:
 def check_design(
     design: pd.DataFrame, factors: Sequence[Factor], models: Sequence[str] = MODELS, axes: Sequence[int] = ()
 ) -> None:
-    """Refuse a design on which any model is not estimable from any axis's point of view.
+    """Refuse a design that does not determine the coefficients of every model for every axis.
 
     Parameters
     ----------
@@ -227,7 +229,7 @@ def check_design(
     factors : sequence of Factor
     models : sequence of str
     axes : sequence of int
-        Default every axis that has a wear factor.
+        By default every axis that has a wear factor.
 
     Raises
     ------
@@ -244,16 +246,17 @@ def check_design(
 def describe_design(
     design: pd.DataFrame, factors: Sequence[Factor], models: Sequence[str] = MODELS
 ) -> pd.DataFrame:
-    """Checks of a design, one row a model.
+    """Describe a design by the checks of each model, one row for each.
 
     Returns
     -------
     DataFrame
         ``model``, ``points``, ``terms``, ``rank``, ``condition``, ``dof``, ``resolution`` (0 without a
         defining relation), ``defining_relation``, ``leverage_max``, ``variance_centre`` and
-        ``variance_nominal`` (prediction variance over that of a run at the centre and at z0, eq. (18)),
-        ``nominal_norm``, ``region_norm`` (largest norm of a point at which no factor is 0, a cube corner
-        of a composite; else of any point) and ``nominal_outside``.
+        ``variance_nominal`` (prediction variance over that of a run, at the centre and at z0, eq. (18)),
+        ``nominal_norm`` (norm of z0), ``region_norm`` (largest norm of a point at which no factor is 0, such
+        as the corners of a composite; else of any point) and ``nominal_outside`` (whether the former exceeds
+        the latter).
     """
     names = [factor.name for factor in factors]
     z = design[names].to_numpy(dtype=float)

@@ -1,4 +1,4 @@
-"""Factors, their coded and natural levels, and the paper's Tables 1 and 3 as data."""
+"""Factors with their coded and natural levels; the factors of the paper's Tables 1 and 3."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ FAULT = "f"
 
 @dataclass(frozen=True)
 class Factor:
-    """One input of the study: a fault or a nuisance.
+    """A factor of the study: the fault, or a nuisance.
 
     Parameters
     ----------
@@ -24,26 +24,27 @@ class Factor:
     description : str
     role : {"fault", "nuisance"}
     kind : str
-        What the simulator does with it: ``wear``, ``temperature``, ``dwell``, ``payload_mass_error``, or the
-        path of a number of the robot or of a detector, with `` %`` at its end where levels are changes.
-        A factor of kind ``wear`` is, in a simulated point, the wear of its `axis`.
+        What the factor changes in the simulation: ``wear``, ``temperature``, ``dwell``,
+        ``payload_mass_error``, or the path of a number of the robot or of a detector. The path ends in `` %``
+        where levels are changes in per cent. In a simulated point, a factor of kind ``wear`` is the wear of
+        its `axis`.
     low, high : float
-        Natural levels at coded -2 and +2, in `unit`; the map between is linear.
+        Natural levels at coded -2 and +2, in `unit`; the map between them is linear.
     unit : str
     levels : int
         Number of levels m of a full factorial design, equally spaced over -2..2.
     nominal : float, optional
-        Coded level of the nominal point z0, eq. (18); default -2 (none) for wear, 0 for all else.
+        Coded level of the nominal point z0, eq. (18); by default -2 (no wear) for wear, 0 for other factors.
     validation_low, validation_high : float, optional
-        Natural levels that the levels -2 and +2 represent in the validation design (Table 3); default the
+        Natural levels that -2 and +2 stand for in the validation design (Table 3); by default the ends of the
         inner 80 % of the range.
     axis : int, optional
-        Of a factor of kind wear: the axis that it wears; axis k for the k-th of them by default.
+        Axis that a factor of kind wear wears; by default axis k for the k-th such factor.
 
     Raises
     ------
     InputError
-        Where a field does not fit.
+        Where a field is not valid.
     """
 
     name: str
@@ -87,7 +88,7 @@ class Factor:
 
     @property
     def step(self) -> float:
-        """Natural size of one coded unit."""
+        """Size of one coded unit in natural units."""
         return (self.high - self.low) / (CODED_HIGH - CODED_LOW)
 
     @property
@@ -105,28 +106,28 @@ class Factor:
 
     @property
     def validation_range(self) -> tuple[float, float]:
-        """Natural levels at -2 and +2 of the validation matrix."""
+        """Natural levels that -2 and +2 stand for in the validation design."""
         span = self.high - self.low
         low = self.low + 0.1 * span if self.validation_low is None else self.validation_low
         high = self.high - 0.1 * span if self.validation_high is None else self.validation_high
         return float(low), float(high)
 
     def to_natural(self, coded: ArrayLike) -> NDArray[np.float64]:
-        """Natural levels of coded ones, any shape; linear, -2 is `low`, +2 is `high`."""
+        """Return natural levels from coded levels of any shape: -2 is `low`, +2 is `high`, linear between."""
         share = (np.asarray(coded, dtype=float) - CODED_LOW) / (CODED_HIGH - CODED_LOW)
         digits = 12 - min(int(np.floor(np.log10(self.high - self.low))), 0)
         return np.round(self.low + share * (self.high - self.low), digits)
 
     def to_coded(self, natural: ArrayLike) -> NDArray[np.float64]:
-        """Coded levels of natural ones, any shape; the inverse of `to_natural`."""
+        """Return coded levels from natural levels of any shape; the inverse of `to_natural`."""
         share = (np.asarray(natural, dtype=float) - self.low) / (self.high - self.low)
         return np.round(CODED_LOW + share * (CODED_HIGH - CODED_LOW), 12)
 
     def validation_to_coded(self, level: ArrayLike) -> NDArray[np.float64]:
-        """Identification coding of the levels -2..2 of the validation matrix (Table 3).
+        """Convert levels -2..2 of the validation design (Table 3) to the coding of the identification design.
 
-        The validation matrix has the same entries as the identification matrix, but they represent other
-        natural values; the surrogate is evaluated in the identification coding.
+        The validation design has the same matrix as the identification design, but its levels are other
+        natural values. Surrogates are evaluated in the coding of the identification design.
         """
         low, high = self.validation_range
         share = (np.asarray(level, dtype=float) - CODED_LOW) / (CODED_HIGH - CODED_LOW)
@@ -134,13 +135,13 @@ class Factor:
 
 
 def check_factors(factors: Sequence[Factor]) -> None:
-    """Refuse a set of factors that no design can be made of.
+    """Refuse a set of factors for which no design can be made.
 
     Raises
     ------
     InputError
-        Where names repeat, or there is not exactly one fault, named ``f``, of kind wear and first among
-        the wear factors.
+        Where names repeat; there is not exactly one fault named ``f``; wear factors exist and ``f`` is not
+        the first of them; or wear factors differ in their levels.
     """
     names = [factor.name for factor in factors]
     repeated = sorted({name for name in names if names.count(name) > 1})
@@ -170,23 +171,23 @@ def check_factors(factors: Sequence[Factor]) -> None:
 
 
 def wear_names(factors: Sequence[Factor]) -> list[str]:
-    """Names of the factors of kind wear, in their order."""
+    """Return the names of the factors of kind wear, in their order."""
     return [factor.name for factor in factors if factor.kind == "wear"]
 
 
 def wear_by_axis(factors: Sequence[Factor]) -> dict[int, str]:
-    """Factor that is the wear of an axis in a simulated point, by axis, in the factors' order."""
+    """Return by axis the factor that is its wear in a simulated point, in the order of the factors."""
     wear = [factor for factor in factors if factor.kind == "wear"]
     return {k + 1 if factor.axis is None else factor.axis: factor.name for k, factor in enumerate(wear)}
 
 
 def worn_factor(factors: Sequence[Factor], axis: int) -> str:
-    """Factor that is the wear of an axis; the fault where no factor is of kind wear.
+    """Return the factor that is the wear of an axis; the fault ``f`` where no factor is of kind wear.
 
     Raises
     ------
     InputError
-        Where the factors give that axis no wear.
+        Where there are wear factors, but none for this axis.
     """
     wear = wear_by_axis(factors)
     if wear and axis not in wear:
@@ -198,7 +199,7 @@ def worn_factor(factors: Sequence[Factor], axis: int) -> str:
 
 
 def nominal_levels(factors: Sequence[Factor]) -> dict[str, float]:
-    """Coded nominal point z0 by factor, eq. (18)."""
+    """Return the coded nominal point z0 by factor, eq. (18)."""
     return {factor.name: factor.nominal_coded for factor in factors}
 
 

@@ -1,6 +1,7 @@
-"""Design matrices (4): composites, factorials, fractions, Latin hypercubes; nominal and validation runs.
+"""Experimental designs (4): composites, factorials, fractions, Latin hypercubes; nominal, validation runs.
 
-In addition to the paper's design: space-filling runs, runs near the questions, checking runs.
+The platform adds to the paper's design space-filling runs, runs near the points that scope and SNR use, and
+checking runs.
 """
 
 import hashlib
@@ -26,14 +27,15 @@ from wearscope.errors import InputError
 
 
 def seed_for(root: int, *identity: object) -> np.random.SeedSequence:
-    """Seed sequence of one named thing.
+    """Return a seed sequence that depends on the root seed and on the given names alone.
 
     Parameters
     ----------
     root : int
-        The study's root seed, non-negative; 0 is a seed like any other.
+        Root seed of the study, non-negative; 0 is a seed like any other.
     *identity : objects with a stable ``str``
-        E.g. ``"snr", robot, cycle, axis, fda``. Equal identities give equal streams, whatever else is drawn.
+        Names, e.g. ``"snr", robot, cycle, axis, fda``. Equal names give equal random numbers, whatever else
+        is drawn.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def seed_for(root: int, *identity: object) -> np.random.SeedSequence:
 
 
 def generator_for(root: int, *identity: object) -> np.random.Generator:
-    """PCG64 generator of one named thing; see `seed_for`."""
+    """Return a PCG64 generator that depends on the root seed and the given names; see `seed_for`."""
     return np.random.Generator(np.random.PCG64(seed_for(root, *identity)))
 
 
@@ -67,7 +69,7 @@ def read_generators(
     Returns
     -------
     dict
-        Sign and base factors by generated factor.
+        Sign and base factors, by generated factor.
 
     Raises
     ------
@@ -109,15 +111,15 @@ def read_generators(
 def fractional_factorial(
     names: Sequence[str], generators: Mapping[str, str] | Sequence[str] | None = None
 ) -> Array:
-    """Two-level full or fractional factorial at -1 and +1.
+    """Make a two-level full or fractional factorial at -1 and +1.
 
-    Rows run over the base factors in standard order, the last one fastest, as in Table 2.
+    The rows run over the base factors in standard order, the last factor fastest, as in Table 2.
 
     Parameters
     ----------
     names : sequence of str, (n,)
     generators : optional
-        See `read_generators`; p of them give the 2^(n-p) fraction.
+        See `read_generators`; p generators give the fraction 2^(n-p).
 
     Returns
     -------
@@ -133,7 +135,7 @@ def fractional_factorial(
 
 
 def composite(cube: Array, star_level: float, centre_points: int = 1) -> Array:
-    """Composite design: the cube, then 2n star points at -+`star_level`, then the centre.
+    """Make a composite design: the cube, then 2n star points at -+`star_level`, then the centre.
 
     Parameters
     ----------
@@ -154,6 +156,7 @@ def composite(cube: Array, star_level: float, centre_points: int = 1) -> Array:
 
 
 def _refuse_many(points: int) -> None:
+    """Refuse a design with too many points."""
     if points > MAX_POINTS:
         raise InputError(
             f"design: {points} points are more than {MAX_POINTS}; use a fraction, fewer levels or a Latin "
@@ -162,7 +165,7 @@ def _refuse_many(points: int) -> None:
 
 
 def _composite(kind: str, factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
-    """Composite of a kind: levels of its cube and of its star points."""
+    """Make the composite design of a kind, which sets the levels of its cube and its star points."""
     cube = fractional_factorial([f.name for f in factors], options.get("generators"))
     level, alpha = float(options.get("cube_level", 1.0)), _alpha(cube, options)
     cube_level, star_level = {
@@ -175,7 +178,7 @@ def _composite(kind: str, factors: Sequence[Factor], options: dict[str, Any], se
 
 
 def _alpha(cube: Array, options: dict[str, Any]) -> float:
-    """Star distance in cube units; by default the rotatable one, N_c^(1/4)."""
+    """Return the star distance in units of the cube; by default that of a rotatable design, N_c^(1/4)."""
     alpha = options.get("alpha")
     value = float(cube.shape[0] ** 0.25 if alpha is None else alpha)
     if value <= 0:
@@ -184,6 +187,7 @@ def _alpha(cube: Array, options: dict[str, Any]) -> float:
 
 
 def _centre_points(options: dict[str, Any]) -> int:
+    """Read the number of centre points; refuse a negative one."""
     number = int(options.get("centre_points", 1))
     if number < 0:
         raise InputError(f"design: centre_points is {number}; give 0 or more.")
@@ -191,6 +195,7 @@ def _centre_points(options: dict[str, Any]) -> int:
 
 
 def _full_factorial(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    """Make a full factorial with equally spaced levels."""
     levels = [int(options.get("levels", factor.levels)) for factor in factors]
     if min(levels) < 2:
         raise InputError(f"design: levels is {min(levels)}; give at least 2.")
@@ -199,11 +204,13 @@ def _full_factorial(factors: Sequence[Factor], options: dict[str, Any], seed: in
 
 
 def _fractional_factorial(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    """Make a two-level factorial, or a fraction of it, at the levels -+`cube_level`."""
     cube = fractional_factorial([f.name for f in factors], options.get("generators"))
     return cube * float(options.get("cube_level", CODED_HIGH))
 
 
 def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
+    """Draw a Latin hypercube over the whole range of the factors."""
     from scipy.stats import qmc  # here, because importing it takes a second
 
     points = int(options.get("points", 45))
@@ -215,6 +222,7 @@ def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: i
     return np.round(CODED_LOW + (CODED_HIGH - CODED_LOW) * sampler.random(points), 12)
 
 
+#: Options that all composite designs have; then function and options by kind of design.
 _OPTIONS = {"generators", "centre_points"}
 KINDS: dict[str, tuple[Callable[[Sequence[Factor], dict[str, Any], int], Array], set[str]]] = {
     "central_composite": (partial(_composite, "central_composite"), _OPTIONS | {"cube_level", "star_level"}),
@@ -230,6 +238,7 @@ KINDS: dict[str, tuple[Callable[[Sequence[Factor], dict[str, Any], int], Array],
 def _coded_matrix(
     kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None, seed: int
 ) -> Array:
+    """Make the coded matrix (N, n) of a kind of design; refuse unknown options and levels beyond -2..2."""
     check_factors(factors)
     if kind not in KINDS:
         raise InputError(f"design: there is no kind '{kind}'; choose among {', '.join(KINDS)}.")
@@ -252,12 +261,12 @@ def _coded_matrix(
 
 
 def design_table(coded: Array, factors: Sequence[Factor]) -> pd.DataFrame:
-    """Table of a coded matrix: ``point`` from 1, coded columns, then natural ones.
+    """Return the table of a coded matrix: ``point`` from 1, coded columns, then natural columns.
 
     Parameters
     ----------
     coded : array (N, n)
-        Identification coding.
+        Levels in the coding of the identification design.
     factors : sequence of Factor, (n,)
 
     Returns
@@ -277,19 +286,19 @@ def design_table(coded: Array, factors: Sequence[Factor]) -> pd.DataFrame:
 def make_design(
     kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
 ) -> pd.DataFrame:
-    """Identification design.
+    """Make an identification design.
 
     Parameters
     ----------
     kind : str
-        One of `KINDS`: ``central_composite`` (the paper's with ``generators={"w5": "f w1 w2 w3 w4"}``: cube
-        at +-1, star at +-2), ``face_centred`` (cube and star at +-2), ``circumscribed`` (cube at +-1, star
-        at ``alpha``, by default the rotatable N_c^(1/4)), ``inscribed`` (the same, scaled into -2..2),
-        ``full_factorial`` (``levels`` or each factor's own), ``fractional_factorial``, ``latin_hypercube``
-        (``points``, ``centred``).
+        One of `KINDS`: ``central_composite`` (cube at +-1, star at +-2; the paper's design with
+        ``generators={"w5": "f w1 w2 w3 w4"}``), ``face_centred`` (cube and star at +-2), ``circumscribed``
+        (cube at +-1, star at ``alpha``, by default N_c^(1/4), which is rotatable), ``inscribed`` (the same,
+        scaled into -2..2), ``full_factorial`` (``levels``, or each factor's own), ``fractional_factorial``,
+        ``latin_hypercube`` (``points``, ``centred``).
     factors : sequence of Factor
     options : mapping, optional
-        Those of the kind; unknown ones are refused.
+        Options of the kind; unknown ones are refused.
     seed : int
         Root seed, used by the Latin hypercube only.
 
@@ -301,7 +310,8 @@ def make_design(
     Raises
     ------
     InputError
-        Unknown kind or option, unreadable generator, a level beyond -2..2, too many points.
+        Where kind or option is unknown, a generator cannot be read, a level lies beyond -2..2, or there are
+        too many points.
     """
     return design_table(_coded_matrix(kind, factors, options, seed), factors)
 
@@ -309,10 +319,11 @@ def make_design(
 def validation_design(
     kind: str, factors: Sequence[Factor], options: Mapping[str, Any] | None = None, seed: int = 0
 ) -> pd.DataFrame:
-    """Make the validation design: the same matrix, whose levels represent other natural values (Table 3).
+    """Make the validation design: the same matrix as the identification design, at other natural levels.
 
-    The coded columns are in the identification coding, where the surrogate is evaluated. A Latin hypercube is
-    drawn with other random numbers. Parameters, columns and errors as `make_design`.
+    The natural levels are those of Table 3. The coded columns have the coding of the identification design,
+    in which surrogates are evaluated. A Latin hypercube is drawn with other random numbers. Parameters,
+    columns and errors are those of `make_design`.
     """
     options = dict(options or {})
     if kind == "latin_hypercube":
@@ -323,7 +334,7 @@ def validation_design(
 
 
 def nominal_design(factors: Sequence[Factor], batches: int = 1) -> pd.DataFrame:
-    """Nominal (wear-free) runs at z0, eq. (18), `batches` times. Columns as `make_design`."""
+    """Make the nominal design: `batches` runs without wear at z0, eq. (18). Columns as in `make_design`."""
     check_factors(factors)
     if batches < 1:
         raise InputError(f"nominal: batches is {batches}; give at least 1.")
@@ -339,42 +350,42 @@ def filling_design(
     axes: Sequence[int] = (1, 2, 3),
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Points that the chosen surrogates learn from, in addition to those of the paper's design.
+    """Make the points that chosen surrogates learn from in addition to those of the paper's design.
 
-    They are a Latin hypercube over the whole region, with every second point drawn towards nominal, where SNR
-    and scope are computed; points along the lines of the scope, with wear of one axis; and replicates of some
-    points of the hypercube, which differ in sensor noise only.
+    There are three groups. A Latin hypercube covers the whole region; every second of its points is moved
+    towards nominal, where SNR and scope are computed. Further points lie on the lines of the scope (see
+    `question_lines`). Replicates of some points of the hypercube differ in sensor noise only.
 
     Parameters
     ----------
     factors : sequence of Factor
     points : int
-        Of the Latin hypercube.
+        Number of points of the Latin hypercube.
     question_points : int
-        For each axis. The first is the nominal point z0 (18) of all axes; a quarter is without wear.
+        Number of points on the lines of the scope, for each axis.
     replicates : int
-        At most `points`.
+        Number of replicated points, at most `points`.
     questions : sequence of str
         Nuisances that the scope varies.
     axes : sequence of int
     seed : int
-        The study's root seed; the points have a stream of their own.
+        Root seed of the study; these points have random numbers of their own.
 
     Returns
     -------
     DataFrame
-        ``point`` (from 1), coded and natural columns, as `wearscope.designs.kinds.make_design`.
+        ``point`` (from 1), coded and natural columns, as in `wearscope.designs.kinds.make_design`.
 
     Raises
     ------
     InputError
-        Fewer than 2 points, more replicates than points, an unknown factor.
+        Where there are fewer than 2 points or more replicates than points, or a factor is unknown.
     """
     if replicates > points:
         raise InputError(f"filling: {replicates} replicates of {points} points; give at most as many.")
     cube = _hypercube(factors, points, "filling", seed)
     nominal = np.array([factor.nominal_coded for factor in factors])
-    near = cube[1::2]  # a view of `z`, so that every second point is drawn towards nominal
+    near = cube[1::2]  # a view of `cube`: every second point is moved towards nominal
     end = np.where(near < nominal, CODED_LOW, CODED_HIGH)
     reach = np.abs(end - nominal)
     share = np.divide(np.abs(near - nominal), reach, out=np.zeros_like(near), where=reach > 0)
@@ -395,10 +406,10 @@ def checking_design(
     axes: Sequence[int] = (1, 2, 3),
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Points on which a chosen surrogate's fit is stated; no fit and no choice sees them.
+    """Make the points on which a chosen surrogate's fit is computed; no fit and no choice uses them.
 
-    A Latin hypercube, uniform over the whole region, and points along the lines that the scope asks about,
-    z0 (18) among them. Parameters, columns and errors as `filling_design`.
+    They are a Latin hypercube, uniform over the whole region, and points on the lines of the scope, including
+    z0 (18). Parameters, columns and errors are those of `filling_design`.
     """
     cube = _hypercube(factors, points, "checking", seed)
     asked = question_lines(factors, question_points, questions, axes, "checking", seed)
@@ -408,15 +419,15 @@ def checking_design(
 def local_design(
     factors: Sequence[Factor], points: int, replicates: int, reach: float, seed: int = 0
 ) -> pd.DataFrame:
-    """Points about the centre of the design, where the SNR (11) is computed; some are simulated twice.
+    """Make points around the centre of the design, where the SNR (11) is computed; some are replicated.
 
     Parameters
     ----------
     factors : sequence of Factor
     points : int
-        Of a Latin hypercube.
+        Number of points of a Latin hypercube.
     replicates : int
-        At most `points`.
+        Number of replicated points, at most `points`.
     reach : float
         Largest coded level.
     seed : int
@@ -429,7 +440,7 @@ def local_design(
     Raises
     ------
     InputError
-        Fewer than 2 points, or more replicates than points.
+        Where there are fewer than 2 points, or more replicates than points.
     """
     if replicates > points:
         raise InputError(f"local design: {replicates} replicates of {points} points; give at most as many.")
@@ -445,9 +456,10 @@ def question_lines(
     stream: str,
     seed: int,
 ) -> np.ndarray:
-    """Coded points (M, n) of the scope's questions: one axis worn, one nuisance varied, all else nominal.
+    """Return coded points (M, n) on the scope's lines: one axis worn, one nuisance varied, others nominal.
 
-    z0 comes first; then `points` for each axis (one fewer for the first), the nuisances by turns.
+    The first point is z0, eq. (18). Then come `points` for each axis (one fewer for the first axis), which
+    vary the nuisances in turn; every fourth of them has no wear.
     """
     names = [factor.name for factor in factors]
     unknown = [name for name in questions if name not in names or name == FAULT]
@@ -472,6 +484,7 @@ def question_lines(
 
 
 def _hypercube(factors: Sequence[Factor], points: int, stream: str, seed: int) -> np.ndarray:
+    """Draw the coded points (points, n) of a Latin hypercube with the random numbers of a named stream."""
     check_factors(factors)
     names = [factor.name for factor in factors]
     table = make_design("latin_hypercube", factors, {"points": points, "stream": stream}, seed)

@@ -1,1 +1,1 @@
-"""Fault detectors (the paper's FDAs): one file each, a batch in, a scalar test quantity out."""
+"""Fault detectors (the paper's FDAs), one file for each: from a batch to a scalar test quantity."""

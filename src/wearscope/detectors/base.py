@@ -1,6 +1,6 @@
-"""What a detector sees (`Batch`), what it must offer (`Detector`), and how one is found (`load_detector`).
+"""Input of a detector (`Batch`), its interface (`Detector`), and its loading (`load_detector`).
 
-Signals that several detectors derive from a recording are computed once a batch.
+Signals that several detectors derive from a recording are computed once for each batch.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 Array = NDArray[np.float64]
-#: Of the class of a detector: its options are checked by their types, and unknown ones refused.
+#: Configuration of a detector's class: options are checked by their types, and unknown options are refused.
 OPTIONS = ConfigDict(extra="forbid")
-#: Options above 0, and between 0 and 1.
+#: Types of options: above 0; between 0 and 1.
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
-#: What a detector may be told: nominal recordings alone, the declared model too, or the law that the
-#: simulator itself uses. The last one exists in no plant, so its result is an upper bound.
+#: What a detector may know: only nominal recordings; the declared model too; or the simulator's friction law
+#: too. No plant knows the latter, so the results of such a detector are an upper bound.
 KNOWLEDGE = ("nothing", "nominal model", "simulator's law")
 #: Sample rates that differ by less than this share count as equal.
 SAME_RATE = 1e-3
@@ -34,7 +34,7 @@ SAME_RATE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """One recorded test-cycle, all joints, evenly sampled.
+    """One recorded test-cycle of all joints, evenly sampled.
 
     Parameters
     ----------
@@ -44,18 +44,18 @@ class Batch:
         Joint position [rad or m], joint speed [rad/s or m/s] and motor torque on the joint side [N m or N],
         as the drive records them.
     sample_rate : float, optional
-        Samples per second [Hz]; from `t` when left out.
+        Samples per second [Hz]; by default from `t`.
 
     Attributes
     ----------
     derived : dict
-        Signals derived from the recording (acceleration, rigid-body torque), kept so that several detectors
-        and axes compute them once.
+        Cache of signals derived from the recording (acceleration, rigid-body torque), which several detectors
+        and axes share.
 
     Raises
     ------
     ValueError
-        Where the shapes do not fit together or there are fewer than 2 samples.
+        Where the shapes do not match or there are fewer than 2 samples.
     """
 
     t: Array
@@ -81,14 +81,14 @@ class Batch:
 class Detector(Protocol):
     """A batch fault detector (the paper's FDA) for one axis; it never sees factor values.
 
-    A detector is made with its options as keyword arguments, fitted once for a robot, test-cycle and axis,
-    and then asked for one number a batch. Any class with these two methods is a detector. A class attribute
-    `unit` may say the unit of that number; ``torque`` is that of the tested joint, N m or N. A class
-    attribute `knows` may say what the detector is told, one of `KNOWLEDGE`; without it, nothing.
+    A detector is made with its options as keyword arguments and fitted once for a robot, test-cycle and axis.
+    It then returns one number for each batch. Any class with these two methods is a detector. A class
+    attribute `unit` may state the unit of that number; ``torque`` means that of the tested joint, N m or N. A
+    class attribute `knows` may state what the detector knows, one of `KNOWLEDGE`; by default nothing.
     """
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: "RobotModel") -> None:
-        """Learn the nominal, wear-free behaviour.
+        """Learn the nominal behaviour without wear.
 
         Parameters
         ----------
@@ -97,20 +97,20 @@ class Detector(Protocol):
         axis : int
             The tested axis, counted from 0: a column of `Batch.q`, `qd` and `tau`.
         model : RobotModel
-            The robot as its controller knows it: the declared payload and the declared effects.
+            The robot as its controller knows it, with the declared payload and the declared effects.
         """
 
     def test_quantity(self, batch: Batch) -> float:
-        """The scalar y of a batch: how far the tested axis is from nominal.
+        """Return the scalar y of a batch, which tells how far the tested axis is from nominal.
 
-        Raise an exception where the batch allows none; it is counted as a failed point.
+        Raise an exception where the batch does not allow that; it counts as a failed point.
         """
 
 
 def name_unit(detector: Any, models: "Iterable[RobotModel]") -> str:
-    """Unit of a detector's test quantity on some robots; empty where it is not said.
+    """Return the unit of a detector's test quantity on some robots; empty where the detector states none.
 
-    Where their wearing joints differ in torque's unit, both are named.
+    Both N m and N are named where the robots' wearing joints have both units of torque.
     """
     unit = str(getattr(detector, "unit", ""))
     if unit != "torque":
@@ -120,7 +120,7 @@ def name_unit(detector: Any, models: "Iterable[RobotModel]") -> str:
 
 
 def name_knowledge(reference: str) -> str:
-    """What a detector is told, one of `KNOWLEDGE`.
+    """Return what a detector knows, one of `KNOWLEDGE`.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def name_knowledge(reference: str) -> str:
     Raises
     ------
     InputError
-        Where there is no such detector, or it says something else.
+        Where there is no such detector, or its `knows` has another value.
     """
     told = str(getattr(plugins.load(reference, "detectors", "DETECTOR"), "knows", KNOWLEDGE[0]))
     if told not in KNOWLEDGE:
@@ -139,7 +139,7 @@ def name_knowledge(reference: str) -> str:
 
 
 def list_bounds(detectors: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Detectors of a configuration that are told the simulator's law: upper bounds, not to be deployed."""
+    """Return the upper bounds of a configuration: detectors that know the simulator's friction law."""
     return [name for name, one in detectors.items() if name_knowledge(one["use"]) == KNOWLEDGE[2]]
 
 
@@ -152,18 +152,18 @@ def load_detector(reference: str, options: Mapping[str, Any] | None = None) -> D
         The name of a module of `wearscope.detectors`, or the path of a ``.py`` file, that defines a class
         ``DETECTOR``.
     options : mapping, optional
-        Keyword arguments of that class; defaults otherwise.
+        Keyword arguments of that class; options that are left out have their defaults.
 
     Raises
     ------
     InputError
-        Where there is no such detector, it has not the two methods, or it refuses the options.
+        Where there is no such detector, it lacks one of the two methods, or it refuses the options.
     """
     return make_detector(plugins.load(reference, "detectors", "DETECTOR"), reference, options)
 
 
 def make_detector(factory: Any, reference: str, options: Mapping[str, Any] | None = None) -> Detector:
-    """Make a detector of a class already loaded by `plugins.load`; see `load_detector`."""
+    """Make a detector from a class that `plugins.load` has loaded; see `load_detector`."""
     options = dict(options or {})
     if not callable(factory):
         raise InputError(f"{reference}: DETECTOR is no class; set DETECTOR to the detector's class.")
@@ -186,7 +186,7 @@ def check_nominal(nominal: Sequence[Batch]) -> None:
     Raises
     ------
     ValueError
-        Where there is none, the sample rates differ, or a sample is not finite.
+        Where there is no batch, the sample rates differ, or a sample is not finite.
     """
     if not nominal:
         raise ValueError("no nominal batch to fit to")
@@ -197,18 +197,18 @@ def check_nominal(nominal: Sequence[Batch]) -> None:
 
 
 def check_sample_rate(batch: Batch, sample_rate: float) -> None:
-    """Refuse a batch sampled at another rate than the nominal data (to `SAME_RATE`) with ValueError."""
+    """Raise ValueError where a batch has another sample rate than the nominal data."""
     if abs(batch.sample_rate - sample_rate) > SAME_RATE * sample_rate:
         raise ValueError(
             f"the batch is sampled at {batch.sample_rate:g} Hz, the nominal data at {sample_rate:g} Hz"
         )
 
 
-PAYLOAD_STEP = 0.01
+PAYLOAD_STEP = 0.01  # relative change of the payload's mass in a difference quotient
 
 
 def find_top_speed(nominal: Sequence[Batch], axis: int) -> float:
-    """99 % quantile of the nominal speed magnitude of an axis, counted from 0.
+    """Return the 99 % quantile of an axis's nominal absolute speed [rad/s or m/s]; axes count from 0.
 
     Raises
     ------
@@ -223,19 +223,19 @@ def find_top_speed(nominal: Sequence[Batch], axis: int) -> float:
 
 
 def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
-    """Joint acceleration by a zero-phase filter of the recorded speed.
+    """Estimate the joint accelerations by a zero-phase filter of the recorded speed.
 
     Parameters
     ----------
     batch : Batch
     window : float
-        Length of the filter [s], widened to 5 samples where they take longer.
+        Length of the filter [s]; at least 5 samples are used.
 
     Returns
     -------
     array (N, n)
-        Derivative of the local least-squares parabola of `qd` (Savitzky and Golay, Anal. Chem. 36, 1964),
-        symmetric about its sample, hence without lag.
+        Derivative of the local least-squares parabola of `qd` (Savitzky and Golay, Anal. Chem. 36, 1964). The
+        filter is symmetric and so without delay.
 
     Raises
     ------
@@ -253,16 +253,16 @@ def estimate_acceleration(batch: Batch, window: float = 0.03) -> Array:
 
 
 def differentiate_locally(values: Array, length: int, delta: float) -> Array:
-    """Derivative of least-squares parabolas of `length` samples; the ends use the first and last parabola.
+    """Differentiate by least-squares parabolas of `length` samples; the ends use the first and last parabola.
 
-    As ``scipy.signal.savgol_filter(values, length, 2, deriv=1, delta=delta, axis=0)``, to the last bit;
-    importing that takes as long as the detectors of some recordings.
+    The result equals ``scipy.signal.savgol_filter(values, length, 2, deriv=1, delta=delta, axis=0)`` to the
+    last bit. Importing that function would take as long as evaluating detectors on several recordings.
 
     Parameters
     ----------
     values : array (N, n)
     length : int
-        Odd.
+        Odd number of samples.
     delta : float
         Sampling interval [s].
 
@@ -284,11 +284,12 @@ def differentiate_locally(values: Array, length: int, delta: float) -> Array:
 
 
 def _solve_least_squares(matrix: Array, right: Array) -> Array:
+    """Solve a least-squares problem with the rank tolerance of `numpy.polyfit`."""
     return np.asarray(lstsq(matrix, right, cond=np.finfo(float).eps * max(matrix.shape))[0])
 
 
 def _slope_of_parabola(values: Array, at: Array) -> Array:
-    """Slope per sample, at samples `at`, of the least-squares parabola through all `values` (M, n)."""
+    """Return the slope per sample, at samples `at`, of the least-squares parabola of `values` (M, n)."""
     powers = np.arange(len(values), dtype=float)[:, None] ** np.array([2.0, 1.0, 0.0])
     scale = np.sqrt(np.sum(powers * powers, axis=0))
     square, linear, _ = (_solve_least_squares(powers / scale, values).T / scale).T
@@ -296,21 +297,21 @@ def _slope_of_parabola(values: Array, at: Array) -> Array:
 
 
 def compute_rigid_torque(batch: Batch, model: "RobotModel", window: float) -> Array:
-    """Inverse dynamics with the declared payload along the recorded motion, without rotors.
+    """Compute inverse dynamics with the declared payload along the recorded motion, without rotors.
 
     Parameters
     ----------
     batch : Batch
     model : RobotModel
     window : float
-        Of `estimate_acceleration` [s].
+        Length of the acceleration filter [s], see `estimate_acceleration`.
 
     Returns
     -------
     array (N, n)
         [N m] or [N].
     """
-    # The key holds the model itself: an id alone may be that of a model already gone.
+    # The cached value holds the model, so that its id cannot become that of another model.
     key = ("rigid_torque", id(model), window)
     if key not in batch.derived:
         body = model.rigid_body(model.declared_payload)
@@ -320,9 +321,9 @@ def compute_rigid_torque(batch: Batch, model: "RobotModel", window: float) -> Ar
 
 
 def compute_payload_torque(batch: Batch, model: "RobotModel", window: float) -> Array | None:
-    """Torque of the declared payload, the derivative by its relative mass error.
+    """Compute the torque of the declared payload, which is the derivative by its relative mass error.
 
-    Mass and inertia scale together, the centre of mass stays.
+    Mass and inertia scale together; the centre of mass does not change.
 
     Returns
     -------
@@ -336,22 +337,22 @@ def compute_payload_torque(batch: Batch, model: "RobotModel", window: float) -> 
     if key not in batch.derived:
         body = model.rigid_body(payload.scaled(1.0 + PAYLOAD_STEP))
         torque = body.inverse_dynamics(batch.q, batch.qd, estimate_acceleration(batch, window))
-        # Inverse dynamics are linear in the inertial parameters, so the quotient is exact.
+        # Inverse dynamics is linear in the inertial parameters, so that the difference quotient is exact.
         batch.derived[key] = (model, (torque - compute_rigid_torque(batch, model, window)) / PAYLOAD_STEP)
     return batch.derived[key][1]
 
 
 def compute_joint_residual(batch: Batch, model: "RobotModel", axis: int, window: float) -> Array:
-    """Torque left to friction: recorded minus rigid body minus declared rotor inertia, (N,).
+    """Compute the torque (N,) that friction has to explain: recorded minus rigid body minus rotor torque.
 
     Parameters
     ----------
     batch : Batch
     model : RobotModel
     axis : int
-        Counted from 0.
+        Axis, counted from 0.
     window : float
-        Of `estimate_acceleration` [s].
+        Length of the acceleration filter [s], see `estimate_acceleration`.
 
     Raises
     ------

@@ -16,12 +16,12 @@ class DistributionDistance:
 
     .. math:: y = \int (p - p_0) \log(p / p_0) \, d\tau
 
-    The densities are Gaussian kernel estimates on a grid. Bandwidth (Silverman's rule,
-    :math:`0.9 \min(s, IQR / 1.34) N^{-1/5}`, at least the grid step) and grid come from the nominal data
-    alone and stay, so that two batches differ by their data only. The samples are binned linearly on the
-    grid, then convolved with the kernel. Samples beyond the grid count at its end. Each density is mixed with
-    a uniform one of weight `floor`, which bounds the logarithm where one of them is empty. The order of the
-    samples does not matter.
+    The densities are Gaussian kernel estimates on a grid. Bandwidth (Silverman's rule, :math:`0.9 \min(s, IQR
+    / 1.34) N^{-1/5}`, at least the grid step) and grid come from the nominal data alone. They are the same
+    for every batch, so that two batches differ by their data only. The samples are binned linearly on the
+    grid and then convolved with the kernel. Samples beyond the grid count at its end. Each density is mixed
+    with a uniform one of weight `floor`, which bounds the logarithm where one of them is empty. The order of
+    the samples does not matter.
 
     A stand-in for FDA B of Samuelsson et al. (2014), after Bittencourt, Saarinen, Sander-Tavallaey,
     Gunnarsson, Norrlöf, A data-driven approach to diagnostics of repetitive processes in the distribution
@@ -31,11 +31,11 @@ class DistributionDistance:
     Parameters
     ----------
     bandwidth : float, optional
-        Standard deviation of the kernel [N m]; Silverman's rule when left out.
+        Standard deviation of the kernel [N m]; by default from Silverman's rule.
     grid_size : int
         Number of grid nodes.
     margin : float
-        How far the grid reaches beyond the nominal torques at both ends, as a share of their range.
+        Distance by which the grid extends beyond the nominal torques at both ends, as a share of their range.
     floor : float
         Weight of the uniform density, in (0, 1).
     """
@@ -64,12 +64,12 @@ class DistributionDistance:
                 raise ValueError(f"bandwidth {self.width:g} N m is below the grid step {step:g} N m")
             self.width = float(step)
         kernel = np.exp(-0.5 * ((self.grid[:, None] - self.grid[None, :]) / self.width) ** 2)
-        # Each node's kernel is normalised on the grid, so that mass near an end is kept.
+        # Each node's kernel is normalised on the grid, so that no probability is lost near its ends.
         self.kernel = kernel / kernel.sum(axis=0)
         self.nominal = self.estimate_mass(torque)
 
     def estimate_mass(self, torque: Array) -> Array:
-        """Kernel estimate of the probability of each grid node, floored; sums to 1.
+        """Estimate the probability of each grid node, including the uniform part; they add up to 1.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class DistributionDistance:
         return (1 - self.floor) * (self.kernel @ mass) / len(torque) + self.floor / nodes
 
     def test_quantity(self, batch: Batch) -> float:
-        """Symmetrised Kullback-Leibler divergence [nat], at least 0."""
+        """Return the symmetrised Kullback-Leibler divergence [nat], at least 0."""
         torque = batch.tau[:, self.axis]
         if not np.isfinite(torque).all():
             raise ValueError("the batch holds torque samples that are not finite")
@@ -94,7 +94,7 @@ class DistributionDistance:
 
 
 def _silverman(sample: Array) -> float:
-    """Silverman's rule of thumb (Density Estimation, 1986, eq. 3.31)."""
+    """Return the bandwidth by Silverman's rule of thumb (Density Estimation, 1986, eq. 3.31)."""
     quartiles = np.percentile(sample, [25, 75])
     spread = [float(sample.std(ddof=1)), float(quartiles[1] - quartiles[0]) / 1.34]
     return 0.9 * min(value for value in spread if value > 0) * len(sample) ** -0.2

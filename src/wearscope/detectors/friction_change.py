@@ -1,4 +1,4 @@
-"""Change of the axis's friction as tracking estimates it (detector E of the default study)."""
+"""Change of the axis's friction, estimated as in tracking (detector E of the default study)."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -17,14 +17,16 @@ from wearscope.detectors.base import (
     find_top_speed,
 )
 
-#: Share of a column's information below which it cannot be told from the nominal friction's own uncertainty.
+#: Coulomb and viscous friction are not identifiable where the nuisances leave less than this share of the
+#: squared norm of a regressor.
 _ABSORBED = 1e-9
 
 
 class Rows(NamedTuple):
-    """Rows of a batch in motion, their regressors, and the first row of each block.
+    """Rows of a batch in motion: target torque (R,), regressors, and the first row of each block.
 
-    Regressors are of the nominal friction (R, P), of the payload's error (R, u), and of the change (R, 2).
+    The regressors are those of the nominal friction, `base` (R, P), of the payload's mass error, `load`
+    (R, 0 or 1), and of the change of friction, `columns` (R, 2).
     """
 
     target: Array
@@ -36,32 +38,32 @@ class Rows(NamedTuple):
 
 @dataclass(config=OPTIONS)
 class FrictionChange:
-    r"""Mean rise of the friction torque since the nominal batches, as tracking estimates it.
+    r"""Mean rise of the friction torque since the nominal batches, estimated as in tracking.
 
-    The nominal batches are the reference and a batch is a session. What the batch's torque leaves of the
-    rigid body, of the declared rotor inertia and of the nominal friction (Coulomb, low-speed bump, viscous,
-    offset) is
+    The nominal batches are the reference, and a batch is a session. The batch's torque minus that of the
+    rigid body, the declared rotor inertia and the nominal friction (Coulomb, low-speed bump, viscous, offset)
+    is
 
     .. math:: r = \Delta_c \, s + \Delta_v \, v + C b + e, \quad s = sign(v)
 
     with the changes of Coulomb and viscous friction, the errors b of the nominal friction and of the declared
-    payload as random effects, and autocorrelated noise e. The estimate is that of generalised least squares
-    (Henderson 1975, Biometrics 31), over means of a few samples in motion; the test quantity is
+    payload as random effects, and autocorrelated noise e. The changes are estimated by generalised least
+    squares (Henderson 1975, Biometrics 31) from means over a few samples in motion. The test quantity is
 
     .. math:: y = \Delta_c \, \overline{|s|} + \Delta_v \, \overline{|v|}
 
-    with the means over the nominal motion. As in tracking without a thermometer, a change that temperature
-    made is one of friction too: here it is part of y's scatter.
+    with the means over the nominal motion. As in tracking without a thermometer, a change of temperature
+    changes the friction too; here it is part of the scatter of y.
 
     Parameters
     ----------
     payload_error : float
         Standard deviation of the payload's relative mass error.
     low_speed_share, rest_share : float
-        Speed of the low-speed bump, and that under which a sample counts as at rest, as shares of the 99 %
-        quantile of the nominal speed magnitude.
+        Speed over which the low-speed bump decays, and speed below which a sample counts as at rest, as
+        shares of the 99 % quantile of the nominal absolute speed.
     row, block : float
-        Length of a mean, and of the stretch over which noise may be autocorrelated [s].
+        Time over which samples are averaged, and time over which noise may be autocorrelated [s].
     window : float
         Length of the acceleration filter [s].
     """
@@ -104,7 +106,7 @@ class FrictionChange:
         self.mean_columns = np.abs(columns).mean(axis=0)
 
     def make_rows(self, batch: Batch) -> Rows:
-        """Rows of a batch in motion, in the noise's unit.
+        """Average a batch in motion to rows, in units of the noise's standard deviation.
 
         Raises
         ------
@@ -136,7 +138,7 @@ class FrictionChange:
         return Rows(target * w, base * w, load * w, columns * w, starts[starts < len(target)])
 
     def test_quantity(self, batch: Batch) -> float:
-        """Mean rise of the friction torque along the nominal motion, in the joint's unit.
+        """Return the mean rise of the friction torque along the nominal motion [N m or N].
 
         Raises
         ------
@@ -148,7 +150,7 @@ class FrictionChange:
         covariance = np.eye(nuisance.shape[1])
         covariance[: len(self.mean), : len(self.mean)] = self.covariance
         gram = nuisance.T @ nuisance
-        # (G + V^-1)^-1 without the inverse of a covariance that may be singular.
+        # This is (G + V^-1)^-1, computed without the inverse of the covariance V, which may be singular.
         inverse = np.linalg.inv(np.eye(len(gram)) + covariance @ gram) @ covariance
         clean = rows.columns - nuisance @ (inverse @ (nuisance.T @ rows.columns))
         inner, plain = rows.columns.T @ clean, (rows.columns**2).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Friction-parameter estimate on the rigid-body residual (detector C of the default study)."""
+"""Friction parameters estimated from the rigid-body residual (detector C of the default study)."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -31,11 +31,12 @@ class FrictionFit:
 
     .. math:: y = \sum_k a_k \, \overline{\phi_k} \, (\beta_k - \beta_k^{nominal})
 
-    so that with :math:`a_k = 1` it is the mean rise of the estimated friction curve [N m]. Wear adds friction
-    at every speed, in eq. (17) of Samuelsson et al. (2014) by its low-speed and viscous terms, which sets the
-    sign. All speeds count alike, however long the motion dwells on them, because a warmer joint gains
-    low-speed and loses viscous friction: a mean over the motion's own, mostly low, speeds would follow the
-    gain alone. The offset takes the mean load error; load errors that do not follow sign(v) largely cancel.
+    so that with :math:`a_k = 1` it is the mean rise of the estimated friction curve [N m]. Wear raises
+    friction at every speed, in eq. (17) of Samuelsson et al. (2014) by its low-speed and viscous terms, so
+    that y rises with wear. All speeds have the same weight, however long the motion stays at them. The reason
+    is temperature: in a warmer joint low-speed friction rises and viscous friction falls. A mean over the
+    motion's own, mostly low, speeds would show the rise alone. The offset absorbs the mean load error; load
+    errors that do not follow sign(v) largely cancel.
 
     A stand-in for FDA C of Samuelsson et al. (2014). Least squares on inverse dynamics: Gautier, Khalil,
     Restrepo, Identification of the dynamic parameters of a closed loop robot, ICRA 1995; friction features:
@@ -44,10 +45,10 @@ class FrictionFit:
     Parameters
     ----------
     weights : sequence of 3 float
-        a of the Coulomb, low-speed and viscous parameter.
+        Weights a of the Coulomb, low-speed and viscous parameters.
     low_speed_share, rest_share : float
-        :math:`v_l`, and the speed under which a sample counts as at rest, as shares of :math:`v_m`, the 99 %
-        quantile of the nominal speed magnitude.
+        :math:`v_l`, and the speed below which a sample counts as at rest, as shares of :math:`v_m`, the 99 %
+        quantile of the nominal absolute speed.
     window : float
         Length of the acceleration filter [s].
     """
@@ -60,7 +61,7 @@ class FrictionFit:
     knows: ClassVar[str] = "nominal model"
 
     def fit(self, nominal: Sequence[Batch], axis: int, model: Any) -> None:
-        """Estimate the nominal friction parameters, the mean over the nominal batches."""
+        """Estimate the nominal friction parameters as the mean over the nominal batches."""
         check_nominal(nominal)
         self.axis, self.model = axis, model
         self.top_speed = find_top_speed(nominal, axis)
@@ -69,18 +70,18 @@ class FrictionFit:
         self.nominal = np.mean([self.estimate_parameters(batch) for batch in nominal], axis=0)
 
     def evaluate_regressors(self, speed: Array) -> Array:
-        """Regressors (N, 4): Coulomb, low-speed, viscous, offset at speeds (N,)."""
+        """Return the regressors (N, 4) at speeds (N,): Coulomb, low-speed, viscous, offset."""
         direction = np.sign(speed)
         bump = direction * np.exp(-np.abs(speed) / (self.low_speed_share * self.top_speed))
         return np.column_stack([direction, bump, speed, np.ones_like(speed)])
 
     def estimate_parameters(self, batch: Batch) -> Array:
-        """Coulomb, low-speed and viscous parameter (3,) [N m, N m, N m s/rad].
+        """Estimate the Coulomb, low-speed and viscous parameters (3,) [N m, N m, N m s/rad].
 
         Raises
         ------
         ValueError
-            Where the axis moves in one direction only or too little, so that they cannot be told apart.
+            Where the axis moves too little, or in one direction only, so that they are not identifiable.
         """
         speed = batch.qd[:, self.axis]
         residual = compute_joint_residual(batch, self.model, self.axis, self.window)
@@ -95,7 +96,7 @@ class FrictionFit:
         return (solution / scale)[:3]
 
     def test_quantity(self, batch: Batch) -> float:
-        """Mean rise of the friction curve over the nominal speed range [N m]."""
+        """Return the mean rise of the friction curve over the nominal speed range [N m]."""
         change = self.estimate_parameters(batch) - self.nominal
         return float(np.sum(np.asarray(self.weights) * self.mean_regressors * change))
 

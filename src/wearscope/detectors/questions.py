@@ -1,4 +1,4 @@
-"""Fits every detector and evaluates it on every batch, one at a time."""
+"""Fits every detector and evaluates it on every batch, one after the other."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
 OK = "ok"
-#: A design point: its set and its number in it.
+#: A design point: set, and number in the set.
 Key = tuple[str, int]
 #: Test quantity and status.
 Answer = tuple[float, str]
-#: A point, and the column of the detector and axis that is evaluated there.
+#: A design point, and the column, which numbers the combinations of axis and detector.
 Question = tuple[Key, int]
 
 
@@ -32,7 +32,7 @@ class DetectorSpec:
     Attributes
     ----------
     name : str
-        The name in the column `fda`.
+        Name in the column `fda`.
     reference : str
         Module of `wearscope.detectors` or path of a ``.py`` file.
     options : mapping
@@ -46,20 +46,20 @@ class DetectorSpec:
 
 @dataclass(frozen=True, eq=False)
 class Questions:
-    """What `collect_answers` asks; see `wearscope.detectors.run.compute_test_quantities`.
+    """The batches and detectors that `collect_answers` evaluates.
 
     Attributes
     ----------
     batches, detectors, axes, model, nominal
-        As there.
+        As in `wearscope.detectors.run.compute_test_quantities`.
     where : str
         Robot and test-cycle, for messages.
     wanted : set of (set, point)
-        The design points.
+        Design points.
     failed : set of (set, point)
-        Those simulated in vain.
+        Design points whose simulation failed.
     options : mapping of (detector's name, (set, point)) to mapping
-        Options of a detector that are others at this point, where they are factors.
+        Options that differ at a point, as they are factors of the study.
     """
 
     batches: Iterable[tuple[str, int, Batch]]
@@ -73,7 +73,7 @@ class Questions:
     options: Mapping[tuple[str, Key], Mapping[str, float]] = field(default_factory=dict)
 
     def name_cell(self, column: int) -> str:
-        """Detector, robot, test-cycle and axis of a column."""
+        """Name the detector, robot, test-cycle and axis of a column, for messages."""
         axis, spec = divmod(column, len(self.detectors))
         return f"fda '{self.detectors[spec].name}', {self.where}, axis {self.axes[axis]}"
 
@@ -84,30 +84,31 @@ def collect_answers(
     time_limit: float | None = None,
     report: Callable[[int], None] | None = None,
 ) -> tuple[dict[Question, Answer], list[Key]]:
-    """Fit all detectors, and ask each for each batch.
+    """Fit all detectors, and evaluate each on each batch.
 
     Parameters
     ----------
     questions : Questions
     allowed : mapping of str to float
-        Number of points by set that a detector may fail at.
+        By set, the number of points at which a detector may be lost.
     time_limit : float, optional
-        Longest time for a fit or an answer [s], in a process of its own; without it all runs in this one.
+        Longest time for a fit or a test quantity [s]. The detectors then run in a process of their own;
+        without a limit they run in this one.
     report : callable, optional
-        Called with the number of batches done, after each.
+        Called after each batch with the number of batches done.
 
     Returns
     -------
     answers : dict
-        By point and column.
+        Test quantity and status by point and column.
     complete : list of (set, point)
-        The batches, in their order.
+        Points of the batches, in their order.
 
     Raises
     ------
     InputError
-        Where a detector cannot be fitted, returns no number, or is lost at more points than allowed; where a
-        batch is not wanted or comes twice.
+        Where a detector cannot be fitted, returns no number, or crashes or exceeds the time limit at more
+        points than allowed; where a batch is in no design or comes twice.
     """
     answers: dict[Question, Answer] = {}
     complete: dict[Key, None] = {}
@@ -149,7 +150,10 @@ def collect_answers(
 
 
 def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[tuple]:
-    """Yield each question, then its answer; questions that are answered already are left out."""
+    """Yield a message before each fit, before and after each test quantity, and after each batch.
+
+    Test quantities that are answered already are left out: the process may have been restarted.
+    """
     fitted = []
     varied: dict[tuple, Detector] = {}
     for column, detector in enumerate(_make_all(questions)):
@@ -179,13 +183,13 @@ def _ask_all(questions: Questions, answered: AbstractSet[Question]) -> Iterator[
 
 
 def _name_options(questions: Questions, column: int, key: Key) -> tuple[tuple[str, float], ...]:
-    """Options that a column's detector has at a point alone."""
+    """Return the options of a column's detector that differ at a point."""
     name = questions.detectors[column % len(questions.detectors)].name
     return tuple(questions.options.get((name, key), {}).items())
 
 
 def _make_varied(questions: Questions, column: int, changed: Mapping[str, float]) -> Detector:
-    """A column's detector with other options, fitted."""
+    """Make a column's detector with changed options, and fit it."""
     spec = questions.detectors[column % len(questions.detectors)]
     detector = load_detector(spec.reference, {**spec.options, **changed})
     _fit(detector, questions, column)
@@ -193,6 +197,7 @@ def _make_varied(questions: Questions, column: int, changed: Mapping[str, float]
 
 
 def _check_key(key: Key, seen: AbstractSet[Key], questions: Questions) -> None:
+    """Refuse a batch of a failed simulation, a second batch of a point, and a point of no design."""
     set_name, point = key
     if key in questions.failed:
         raise InputError(
@@ -209,7 +214,8 @@ def _check_key(key: Key, seen: AbstractSet[Key], questions: Questions) -> None:
 
 
 def _make_all(questions: Questions) -> Iterator[Detector]:
-    # A user's file is imported once, not once an axis.
+    """Yield a detector for each column: all detectors of the first axis, then of the next."""
+    # A user's file is imported once, not once for each axis.
     factories = [plugins.load(spec.reference, "detectors", "DETECTOR") for spec in questions.detectors]
     for _ in questions.axes:
         for spec, factory in zip(questions.detectors, factories, strict=True):
@@ -217,6 +223,7 @@ def _make_all(questions: Questions) -> Iterator[Detector]:
 
 
 def _fit(detector: Detector, questions: Questions, column: int) -> None:
+    """Fit a column's detector to the nominal batches; an error of the detector becomes InputError."""
     model = questions.model
     axis = questions.axes[column // len(questions.detectors)]
     try:
@@ -229,12 +236,12 @@ def _fit(detector: Detector, questions: Questions, column: int) -> None:
 
 
 def ask_detector(detector: Detector, batch: Batch, where: str) -> Answer:
-    """Test quantity and status of one batch; NaN and the reason where the detector fails.
+    """Return test quantity and status of one batch; NaN and the reason where the detector fails.
 
     Raises
     ------
     InputError
-        Where it returns no single number.
+        Where the detector does not return a single number.
     """
     try:
         value = detector.test_quantity(batch)

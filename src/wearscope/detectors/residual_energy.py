@@ -16,11 +16,11 @@ class ResidualEnergy:
 
     .. math:: y = \sum_k (\tau_k - \bar\tau_k)^2 / \sum_k \bar\tau_k^2
 
-    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired by their time
-    since the start of the recording, over those that both have, so that every delay of the motion counts as a
-    residual (for a batch of another sample rate, the signature is interpolated); or by the path that the
-    joints have covered, over those in motion, so that a delay at rest does not. Zero for the nominal batch
-    itself, near-quadratic around it.
+    with :math:`\bar\tau` the mean of the nominal batches of the tested axis. Samples are paired in one of two
+    ways. By time since the start of the recording, every delay of the motion causes a residual; the signature
+    is interpolated for a batch with another sample rate. By the path that the joints have covered while in
+    motion, a delay at rest causes none. The energy is zero for the nominal batch itself, and nearly quadratic
+    around it.
 
     A stand-in for FDA A of Samuelsson et al. (2014), which is confidential: parity of measured and expected
     torque, e.g. Isermann, Fault-Diagnosis Systems, Springer 2006, ch. 10.
@@ -28,12 +28,12 @@ class ResidualEnergy:
     Parameters
     ----------
     align : {"start", "path"}
-        How samples are paired. The path is the sum of all joints' motion, each in units of its highest
-        nominal speed, as a share of its length over the whole batch.
+        How samples are paired: by time, or by path. The path is the sum of the motions of all joints, each in
+        units of its highest nominal speed, as a share of the whole batch's path.
     rest_share : float
-        For ``path``: speed under which a joint counts as at rest, as share of its highest nominal speed.
+        For ``path``: speed below which a joint counts as at rest, as a share of its highest nominal speed.
     min_overlap : float
-        For ``start``: smallest share of the signature that a batch must cover; a shorter one raises
+        For ``start``: smallest share of the signature that a batch must cover; a shorter batch raises
         ValueError.
     """
 
@@ -60,7 +60,7 @@ class ResidualEnergy:
             raise ValueError("the nominal torque signature is zero throughout")
 
     def _follow_path(self, batch: Batch) -> tuple[Array, Array]:
-        """Path covered (M,), from 0 to 1, and torque (M,) at the samples in motion."""
+        """Return the covered path (M,), from 0 to 1, and the torque (M,) at the samples in motion."""
         speed = np.abs(batch.qd) / np.where(self.top_speed > 0, self.top_speed, np.inf)
         progress = np.where(speed > self.rest_share, speed, 0.0).sum(axis=1)
         moving = progress > 0
@@ -70,7 +70,7 @@ class ResidualEnergy:
         return path / progress.sum(), batch.tau[moving, self.axis]
 
     def test_quantity(self, batch: Batch) -> float:
-        """Relative residual energy [-], at least 0."""
+        """Return the relative residual energy [-], at least 0."""
         if self.align == "path":
             nominal = self.signature
             residual = np.interp(self.path, *self._follow_path(batch)) - nominal
@@ -80,7 +80,7 @@ class ResidualEnergy:
         return float(residual @ residual / (nominal @ nominal))
 
     def _expect(self, batch: Batch) -> Array:
-        """Signature (M,) at the first M samples of a batch, those that it covers."""
+        """Return the signature (M,) at the first M samples of a batch, as far as it covers them."""
         whole = len(self.signature)
         every = self.sample_rate / batch.sample_rate
         same = abs(every - 1.0) <= SAME_RATE

@@ -1,6 +1,6 @@
-"""Test quantities of one robot and test-cycle: every detector, axis and batch.
+"""Computes the test quantities of one robot and test-cycle: every detector, axis and batch.
 
-An option of a detector may be a factor of the study: ``detectors.<name>.<option>``.
+An option of a detector may be a factor of the study, of the kind ``detectors.<name>.<option>``.
 """
 
 import inspect
@@ -23,7 +23,7 @@ from wearscope.errors import InputError
 if TYPE_CHECKING:
     from wearscope.robots.model import RobotModel
 
-#: Beginning of the status of a point that no detector could be evaluated at.
+#: Beginning of the status of a point whose simulation failed, so that no detector could be evaluated.
 NOT_SIMULATED = "simulation failed: "
 
 
@@ -44,47 +44,50 @@ def compute_test_quantities(
     time_limit: float | None = None,
     sizes: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
-    """Fit every detector to the nominal batches of each axis, then ask it for each batch.
+    """Fit every detector to the nominal batches of each axis, then evaluate it on each batch.
 
     Parameters
     ----------
     batches : iterable of (set, point, Batch)
-        Recordings in any order, read as they are needed; none is kept.
+        Recordings in any order; only one is in memory at a time.
     detectors : sequence of DetectorSpec
     axes : sequence of int
-        Tested axes, as `RobotModel.axes` counts them.
+        Tested axes, counted as in `RobotModel.axes`.
     model : RobotModel
         The nominal declared model.
     nominal : sequence of Batch
-        Wear-free recordings of this robot and cycle.
+        Recordings of this robot and test-cycle without wear.
     robot, cycle : str
     designs : mapping of str to DataFrame
-        Design table by set, with `point` and the coded factors; each point must have its batch.
+        Design table by set, with `point` and the coded factors. Each point must have a batch or a failed
+        simulation.
     factors : sequence of Factor
     max_failed_share : float
         Largest share of a cell's points that may fail in each set, in simulation or in the detector.
     failed_simulations : mapping of (set, point) to str, optional
-        Reason by design point that was simulated in vain and has no batch.
+        Reason by design point whose simulation failed; it has no batch.
     report : callable, optional
-        Called with the number of batches done, after each.
+        Called after each batch with the number of batches done.
     time_limit : float, optional
-        Longest time for a fit or an answer [s]: the detectors run in a process of their own; what takes
-        longer or crashes it is counted as a failed point. For this the batches are read there too.
+        Longest time for a fit or a test quantity [s]. The detectors then run in a process of their own, which
+        also reads the batches. A test quantity that takes longer or crashes the process is a failed point.
     sizes : mapping of str to int, optional
-        Points of a whole set, where `designs` holds a chunk of it: the share is of all.
+        Number of points of each whole set, where `designs` holds a chunk of it; the share refers to the whole
+        set.
 
     Returns
     -------
     DataFrame
-        One row an axis, detector, set and point, in that order: `robot`, `cycle`, `axis`, `fda`, `set`,
-        `point`, the coded factors as the axis sees them, `y`, and `status`, which is ``ok`` or the reason for
-        a NaN `y` in one line.
+        One row for each axis, detector, set and point, in that order: `robot`, `cycle`, `axis`, `fda`, `set`,
+        `point`, the coded factors with the axis's own wear as ``f``, `y`, and `status`, which is ``ok`` or,
+        for a NaN `y`, the reason in one line.
 
     Raises
     ------
     InputError
-        Where a detector cannot be made or fitted, returns no number, or fails at more than the share; where a
-        design point has no batch or a batch no design point, or a failed simulation has a batch.
+        Where a detector cannot be made or fitted, returns no number, or fails at more points than the share
+        allows; where a design point has no batch, a batch has no design point, or a failed simulation has a
+        batch.
     """
     where = f"robot {robot}, cycle {cycle}"
     _check_specs(detectors, axes, model, where)
@@ -118,12 +121,12 @@ def compute_test_quantities(
 def join_test_quantities(
     chunks: Sequence[pa.Table], detectors: Sequence[str], axes: Sequence[int], max_failed_share: float
 ) -> pa.Table:
-    """One table of chunks, in the order that `wearscope.detectors.run.compute_test_quantities` gives it.
+    """Join the tables of chunks to one, in the order of `compute_test_quantities`.
 
     Parameters
     ----------
     chunks : sequence of pyarrow.Table
-        What it gave for chunks of the sets, by set, in the order of their points.
+        Tables from `compute_test_quantities` for the chunks, sorted by set and point.
     detectors : sequence of str
         Names in the column `fda`.
     axes : sequence of int
@@ -133,7 +136,8 @@ def join_test_quantities(
     Raises
     ------
     InputError
-        Where a chunk holds other cells than asked for, or a detector failed at more than the share.
+        Where a chunk holds other cells than expected, or a detector failed at more points than the share
+        allows.
     """
     cells = [(axis, fda) for axis in axes for fda in detectors]
     joined = []
@@ -150,24 +154,25 @@ def join_test_quantities(
             cell.select(["set", "point", "status"]).to_pandas(), where, max_failed_share, sizes
         )
         joined.append(cell)
-    # In one piece, as if computed at once: the pages of the file depend on the pieces.
+    # Combined to one piece, as the bytes of the Parquet file depend on the pieces.
     return pa.concat_tables(joined).combine_chunks()
 
 
 def count_failures(test_quantities: pd.DataFrame) -> pd.DataFrame:
-    """Points by cell and set at which the detector failed, with the first reason.
+    """Count by cell and set the points at which the detector failed, with the first reason.
 
-    Points whose simulation failed do not count: the detector did not fail there.
+    Points whose simulation failed are not counted, as the detector did not fail there.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        As `compute_test_quantities` returns it.
+        From `compute_test_quantities`.
 
     Returns
     -------
     DataFrame
-        `robot`, `cycle`, `axis`, `fda`, `set`, `points`, `failed`, `first_reason`; only where any failed.
+        `robot`, `cycle`, `axis`, `fda`, `set`, `points`, `failed`, `first_reason`; only cells and sets with
+        failed points.
     """
     keys = ["robot", "cycle", "axis", "fda", "set"]
     rows: list[dict[str, Any]] = []
@@ -202,7 +207,7 @@ def _tabulate(
     axis: int,
     factors: Sequence[Factor],
 ) -> pd.DataFrame:
-    """Rows of a cell, by set and point: the coded factors as the axis sees them, `y` and `status`."""
+    """Return the rows of a cell sorted by set and point: coded factors with its own wear as f, y, status."""
     names = ["point", *(factor.name for factor in factors)]
     parts = []
     for set_name in sorted(designs):
@@ -217,9 +222,10 @@ def _tabulate(
 def check_failed_share(
     cell: pd.DataFrame, where: str, max_failed_share: float, sizes: Mapping[str, int]
 ) -> None:
-    """Refuse a detector that failed at too many points of a set, by the number of points of each set.
+    """Refuse a detector that failed at too many points of a set; `sizes` gives the points of each set.
 
-    Each set serves a purpose of its own: points of another set do not make up for points that a fit misses.
+    The share is checked set by set, as each set has its own purpose: points of another set cannot replace
+    those that a fit lacks.
     """
     for set_name, rows in cell.groupby("set", sort=False):
         failed, size = rows[rows["status"] != OK], sizes[str(set_name)]
@@ -237,7 +243,7 @@ _RELATIVE = " %"
 
 
 def find_options(factors: Sequence[Factor], name: str) -> dict[str, Factor]:
-    """Factor by the option of a detector that it is."""
+    """Return the factors that are options of a detector, by option."""
     found = {}
     for factor in factors:
         if factor.kind.startswith(_SECTION):
@@ -250,13 +256,15 @@ def find_options(factors: Sequence[Factor], name: str) -> dict[str, Factor]:
 def set_option(
     reference: str, options: Mapping[str, Any], option: str, factor: Factor, level: float
 ) -> float:
-    """Value of a detector's option at a natural level of its factor; whole where the default is whole.
+    """Return the value of a detector's option at a natural level of its factor.
+
+    It is rounded where the stated or default value is an integer.
 
     Raises
     ------
     InputError
-        Where the detector has no such option, or none whose value is stated where the factor is a change in
-        percent.
+        Where the detector has no such option, or the factor is a change in per cent and the option has no
+        number as its stated or default value.
     """
     factory = plugins.load(reference, "detectors", "DETECTOR")
     known = inspect.signature(factory).parameters
@@ -280,7 +288,7 @@ def set_option(
 def vary_options(
     detectors: Sequence[DetectorSpec], designs: Mapping[str, pd.DataFrame], factors: Sequence[Factor]
 ) -> dict[tuple[str, tuple[str, int]], dict[str, float]]:
-    """Options that detectors have at each design point, by detector and (set, point).
+    """Return the options of detectors that factors set at each design point, by detector and (set, point).
 
     Raises
     ------

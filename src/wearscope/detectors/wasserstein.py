@@ -16,8 +16,9 @@ class Wasserstein:
 
     .. math:: y = \int_0^1 |F^{-1}(u) - F_0^{-1}(u)| \, du
 
-    In N m: the mean distance that torque must be moved. No bandwidth, grid or floor; the order of the samples
-    does not matter. Villani, Topics in Optimal Transportation, AMS 2003, sec. 2.2.
+    It is the mean distance [N m] by which torque must be moved to turn one distribution into the other. It
+    needs no bandwidth, grid or floor. The order of the samples does not matter. Villani, Topics in Optimal
+    Transportation, AMS 2003, sec. 2.2.
     """
 
     unit: ClassVar[str] = "torque"
@@ -30,7 +31,7 @@ class Wasserstein:
         self.nominal = np.sort(np.concatenate([batch.tau[:, axis] for batch in nominal]))
 
     def test_quantity(self, batch: Batch) -> float:
-        """First Wasserstein distance [N m], at least 0."""
+        """Return the first Wasserstein distance [N m], at least 0."""
         torque = batch.tau[:, self.axis]
         if not np.isfinite(torque).all():
             raise ValueError("the batch holds torque samples that are not finite")

@@ -1,8 +1,9 @@
-"""Joint estimate of wear, temperature and payload error under the declared friction law (detector D).
+"""Joint estimate of wear, temperature and payload error with the declared friction law (detector D).
 
-The search for the wear and the temperature whose friction curve a residual fits best is compiled: damped
-Gauss-Newton (Marquardt, 1963) on a quadratic form in the curve's values at nodes of the speed. The damping
-follows how well a step's gain was foreseen (Nielsen, Damping parameter in Marquardt's method, DTU, 1999).
+Wear and temperature are those whose friction curve fits the torque residual best. The search for them is
+compiled. It is a damped Gauss-Newton method (Marquardt, 1963) on a quadratic form in the curve's values at
+nodes of the speed. The damping depends on how well the gain of a step was predicted (Nielsen, Damping
+parameter in Marquardt's method, DTU, 1999).
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,9 +31,9 @@ from wearscope.detectors.base import (
 from wearscope.effects.base import Effect, Signals, load_effect
 from wearscope.effects.rows import hold_rows
 
-# Difference steps in wear [-] and temperature [deg C], and the change at which the search ends. Wear and
-# temperature are not told apart where offset and payload leave less than `MIN_SHARE` of a slope, or where the
-# normal equations' condition is above `MAX_CONDITION`.
+# Difference steps in wear [-] and temperature [deg C], and the change of both below which the search ends.
+# Wear and temperature cannot be told apart where offset and payload explain all but the share `MIN_SHARE` of
+# a slope, or where the condition number of the normal equations exceeds `MAX_CONDITION`.
 STEPS = (0.5, 0.25)
 TOLERANCE = 1e-4
 MIN_SHARE = 1e-6
@@ -42,7 +43,7 @@ FOUND, NOT_TOLD_APART, NOT_FOUND = 0, 1, 2
 
 
 class Law(NamedTuple):
-    """Friction of an axis as its declared effects that see speed, temperature and wear alone.
+    """Friction law of an axis, packed: its declared effects that depend on speed, temperature and wear alone.
 
     Attributes
     ----------
@@ -61,14 +62,15 @@ class Law(NamedTuple):
 
 
 class Form(NamedTuple):
-    """Sum of squares ``constant - 2 vector'x + x'(D - S S')x`` for a curve x (K,) at the nodes.
+    """Sum of squared residuals ``constant - 2 vector'x + x'(D - S S')x`` of a friction curve x (K,) at nodes.
 
     Attributes
     ----------
     diagonal, between : ndarray (K,), (K - 1,)
-        Of the tridiagonal matrix D, whose form is the sum of the curve's own squares over the samples.
+        Diagonal and off-diagonal of the tridiagonal matrix D; x'D x is the sum of the curve's squares over
+        the samples.
     seen : ndarray (K, k)
-        S, what the basis that is projected out takes of each node's part of the curve.
+        Matrix S, the product of the curve's interpolation and the basis that is projected out.
     vector : ndarray (K,)
     constant : float
     """
@@ -81,7 +83,7 @@ class Form(NamedTuple):
 
 
 def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
-    """Pack effects, each with a compiled row, and their parameters."""
+    """Pack effects that have compiled rows, with their parameters, into arrays."""
     packed = [effect.pack(values) for effect, values in effects]
     width, size = (np.array([len(one[k]) for one in packed], dtype=np.int64) for k in (0, 1))
     coefficients, shapes = (np.zeros((len(packed), max(one, default=0) + 1)) for one in (width, size))
@@ -94,7 +96,7 @@ def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
 
 @njit(cache=True)
 def _add_worn(law, nodes, wear, temperature, factor, curve):
-    """Add the torque at `nodes` (K,), times a factor, to a curve (K,); the wear is not negative."""
+    """Add the torque at speeds `nodes` (K,), times a factor, to a curve (K,); the wear is not negative."""
     one, zero, direction = np.zeros(1), np.zeros(1), np.zeros(1)
     worn, warm = np.full(1, wear), np.full(1, temperature)
     out = np.zeros(law.coefficients.shape[1])
@@ -103,7 +105,7 @@ def _add_worn(law, nodes, wear, temperature, factor, curve):
         shape, state, next_state = law.shapes[m, : law.size[m]], np.zeros(states), np.zeros(states)
         for k in range(len(nodes)):
             one[0], direction[0] = nodes[k], np.sign(nodes[k])
-            # These effects see nothing but the axis: one joint represents it.
+            # These effects depend on their own axis alone, so that arrays of one joint suffice.
             row(
                 0,
                 0.0,
@@ -128,7 +130,10 @@ def _add_worn(law, nodes, wear, temperature, factor, curve):
 
 @njit(cache=True)
 def _fill_curve(law, nodes, wear, temperature, curve):
-    """Torque (K,) at `nodes`, odd in the wear."""
+    """Fill a curve (K,) with the torque at speeds `nodes`.
+
+    Its change with wear is odd: at a negative wear the added torque has the opposite sign.
+    """
     curve[:] = 0.0
     if wear < 0.0:
         _add_worn(law, nodes, 0.0, temperature, 2.0, curve)
@@ -139,7 +144,7 @@ def _fill_curve(law, nodes, wear, temperature, curve):
 
 @njit(cache=True)
 def evaluate_curves(law: Law, nodes: Array, places: Array) -> Array:
-    """Torque (m, K) at speeds `nodes` (K,) and wears and temperatures `places` (m, 2), odd in the wear."""
+    """Return the torque (m, K) at speeds `nodes` (K,), for wears and temperatures `places` (m, 2)."""
     curves = np.empty((len(places), len(nodes)))
     for k in range(len(places)):
         _fill_curve(law, nodes, places[k, 0], places[k, 1], curves[k])
@@ -148,7 +153,7 @@ def evaluate_curves(law: Law, nodes: Array, places: Array) -> Array:
 
 @njit(cache=True)
 def _weigh(form, a, b):
-    """Forms a'D b and a'(D - S S')b of two curves (K,)."""
+    """Return a'D b and a'(D - S S')b of two curves (K,)."""
     last = len(a) - 1
     own = form.diagonal[last] * a[last] * b[last]
     for k in range(last):
@@ -165,6 +170,7 @@ def _weigh(form, a, b):
 
 @njit(cache=True)
 def _dot(a, b):
+    """Return the scalar product of two vectors."""
     total = 0.0
     for k in range(len(a)):
         total += a[k] * b[k]
@@ -175,12 +181,13 @@ def _dot(a, b):
 def normal_equations(
     form: Form, curve: Array, slopes: Array
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Normal matrix, gradient and norms of Gauss-Newton at a curve (K,) that changes with slopes (2, K).
+    """Return the normal equations of Gauss-Newton at a curve (K,) with its slopes (2, K).
 
     Returns
     -------
     tuple of float
-        Matrix 11, 12 and 22; gradient 1 and 2; norms over the samples of the slopes, nothing taken away.
+        Matrix elements 11, 12 and 22; gradient 1 and 2; norms of the two slopes over the samples, before the
+        basis is projected out.
     """
     first, second = slopes[0], slopes[1]
     own1, n11 = _weigh(form, first, first)
@@ -193,15 +200,16 @@ def normal_equations(
 
 @njit(cache=True)
 def _cost(form, curve):
+    """Return the sum of squared residuals of a curve."""
     return form.constant + _weigh(form, curve, curve)[1] - 2.0 * _dot(form.vector, curve)
 
 
 @njit(cache=True)
 def _told_apart(n11, n12, n22, size1, size2):
-    """Whether the slopes by wear and temperature differ after offset and payload are fitted."""
+    """Return whether the slopes by wear and temperature are independent after offset and payload."""
     if not (n11 > (MIN_SHARE * size1) ** 2 and n22 > (MIN_SHARE * size2) ** 2):
         return False
-    # Condition of a matrix of two rows with ones on its diagonal.
+    # Condition number of the normal matrix after scaling its diagonal to ones.
     alike = abs(n12) / np.sqrt(n11 * n22)
     return 1.0 + alike < MAX_CONDITION * (1.0 - alike)
 
@@ -210,7 +218,7 @@ def _told_apart(n11, n12, n22, size1, size2):
 def search_wear(
     law: Law, nodes: Array, form: Form, start: Array, lowest: float, highest: float, iterations: int
 ) -> tuple[int, float, float, float]:
-    """Wear and temperature of the smallest sum of squares near a start.
+    """Find the wear and temperature of the smallest sum of squares near a start.
 
     Parameters
     ----------
@@ -249,7 +257,7 @@ def search_wear(
         n11, n12, n22, g1, g2, size1, size2 = normal_equations(form, here, slopes)
         if not _told_apart(n11, n12, n22, size1, size2):
             return NOT_TOLD_APART, wear, temperature, cost
-        # A temperature at its bound that the gradient pushes outward stays there.
+        # A temperature at a bound stays there where the gradient points outside.
         bound = (temperature <= lowest and g2 > 0.0) or (temperature >= highest and g2 < 0.0)
         moved1, moved2, growth = 0.0, 0.0, 2.0
         while damping < MAX_DAMPING:
@@ -282,11 +290,12 @@ def search_wear(
     return NOT_FOUND, wear, temperature, cost
 
 
+# Signals that the friction law may depend on.
 SPEED_ONLY = {"qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"}
-# Nodes of the friction torque over speed, in each direction.
+# Number of nodes of the friction curve over speed, in each direction.
 NODES = 64
-# Grid on which the search for f [-] and T [deg C] looks first (wears, number of temperatures), and number of
-# its lowest places from which a search starts.
+# The sum of squares is first evaluated on a grid of these wears [-] and this number of temperatures. A search
+# starts at each of the `STARTS` lowest local minima of the grid.
 FIRST_WEARS = (
     1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 12.5, 15.0, 17.5, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 57.0,
     65.0, 80.0, 100.0,
@@ -297,24 +306,24 @@ STARTS = 3
 
 @dataclass(config=OPTIONS)
 class WearTemperatureFit:
-    r"""Wear level f estimated together with the temperature T of the declared friction law.
+    r"""Wear index f, estimated together with the temperature T in the declared friction law.
 
     .. math:: \min_{f, T, \beta, \mu} \sum_k (r_k - \tau_f(v_k, T, f) - \beta - \mu \, \tau_{p,k})^2
 
-    over the samples in motion: r is the residual of the tested axis (recorded torque minus inverse dynamics
-    with the declared payload, rotor inertia and the other declared effects), :math:`\tau_f` the declared
-    friction that wear or temperature change, eq. (17) of Samuelsson et al. (2014) as a whole or its parts as
-    effects of their own, :math:`\beta` an offset, :math:`\tau_p` the torque of the declared
-    payload, whose relative mass error :math:`\mu` is estimated along. The linear unknowns are projected out
-    (Golub, Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in
-    f and T: damped Gauss-Newton (`search_wear`) starts in the lowest valleys of a grid,
-    damped so that it does not swing across a valley where wear and temperature nearly trade their terms.
-    The test quantity is f less its estimate on nominal data [-]; negative estimates extend eq. (17) oddly
-    in f, so that noise around no wear is not clipped.
+    over the samples in motion. The residual r of the tested axis is the recorded torque minus inverse
+    dynamics with the declared payload, rotor inertia and the other declared effects. :math:`\tau_f` is the
+    declared friction that depends on wear or temperature: eq. (17) of Samuelsson et al. (2014), or its parts
+    as separate effects. :math:`\beta` is an offset, and :math:`\tau_p` the torque of the declared payload,
+    whose relative mass error :math:`\mu` is estimated too. The linear unknowns are projected out (Golub,
+    Pereyra, SIAM J. Numer. Anal. 10, 1973). The sum of squares has several minima and long valleys in f and
+    T. So a damped Gauss-Newton search (`search_wear`) starts in the lowest valleys of a grid. The damping
+    keeps it from jumping across a valley, along which wear and temperature nearly replace each other. The
+    test quantity is f minus its estimate on nominal data [-]. For negative f the wear terms of eq. (17)
+    change their sign, so that noise around zero wear is not clipped.
 
-    Wear and temperature part only where the motion visits the low and the high speed band. The detector
-    knows the friction law with its parameters, as identified for the robot; where that law is also the
-    simulator's, its result is a bound for what a friction model can give, not what it gives in the field.
+    Wear and temperature can be told apart only where the motion covers both low and high speeds. The detector
+    knows the friction law with its parameters, as identified for the robot. Where the simulator uses the same
+    law, the result is an upper bound for detectors with a friction model, and not what a plant would reach.
 
     After Bittencourt, Axelsson, Modeling and experiment design for identification of wear in a robot joint
     under load and temperature uncertainties based on friction data, IEEE/ASME Trans. Mechatronics 19 (2014).
@@ -324,14 +333,12 @@ class WearTemperatureFit:
     estimate_payload : bool
         Whether :math:`\mu` is estimated.
     start_temperature : float
-        A temperature at which the law holds [deg C]. The search starts once more where wear and temperature
-        have traded the speeds of their low-speed terms, the local minimum that eq. (17) invites; the best fit
-        is taken.
+        A temperature at which the law is valid [deg C]; the range that is searched depends on it.
     temperature_limit : float
-        Highest temperature searched [deg C]; the lowest is where the declared Stribeck speed falls to 1 % of
-        its value at `start_temperature`, or `start_temperature` less 100.
+        Highest temperature that is searched [deg C]. The lowest is that at which the declared Stribeck speed
+        falls to 1 % of its value at `start_temperature`, but at most 100 K below `start_temperature`.
     rest_share : float
-        Speed under which a sample counts as at rest, as share of the 99 % quantile of the nominal speed.
+        Speed below which a sample counts as at rest, as a share of the 99 % quantile of the nominal speed.
     window : float
         Length of the acceleration filter [s].
     max_iterations : int
@@ -373,13 +380,19 @@ class WearTemperatureFit:
         self.law = {name: value for _, values in self.varying for name, value in values.items()}
         self.lowest = self._lowest_temperature()
         self.rest_speed = self.rest_share * find_top_speed(nominal, axis)
-        # All batches of a test-cycle are about as fast: one grid serves them.
+        # All batches of a test-cycle have about the same top speed, so that one grid serves them.
         self.top_speed = 1.1 * max(float(np.abs(batch.qd[:, axis]).max()) for batch in nominal)
         self.grids: dict[float, _Grid] = {}
         self.nominal_wear = float(np.mean([self.estimate(batch)[0] for batch in nominal]))
 
     def _lowest_temperature(self) -> float:
-        """Lowest temperature searched: just above where the law ends, and at most 100 K below the start."""
+        """Return the lowest temperature to search: just above the law's limit, at most 100 K below the start.
+
+        Raises
+        ------
+        ValueError
+            Where the law is not valid at `start_temperature`, or ends at a higher temperature.
+        """
         limits = [effect.temperatures(values) for effect, values in self.varying]
         low, high = max(low for low, _ in limits), min(high for _, high in limits)
         if not low < self.start_temperature < high:
@@ -389,12 +402,12 @@ class WearTemperatureFit:
         return float(max(self.start_temperature - 100.0, low + 0.01 * (self.start_temperature - low)))
 
     def estimate(self, batch: Batch) -> tuple[float, float]:
-        """Wear level f [-] and temperature T [deg C] of a batch.
+        """Estimate the wear index f [-] and the temperature T [deg C] of a batch.
 
         Raises
         ------
         ValueError
-            Where the axis moves too little or the motion does not tell the two apart.
+            Where the axis moves too little, or the motion does not tell the two apart.
         """
         moving = np.flatnonzero(np.abs(batch.qd[:, self.axis]) > self.rest_speed)
         if len(moving) < 20:
@@ -415,14 +428,14 @@ class WearTemperatureFit:
         x, cost = self._minimise(first, grid.nodes, form)
         traded = self._trade_speeds(x)
         for start in [*others, *([] if traded is None else [traded])]:
-            with suppress(ValueError):  # where this search fails, the result before stays
+            with suppress(ValueError):  # a search that fails leaves the earlier result
                 other, other_cost = self._minimise(start, grid.nodes, form)
                 if other_cost < cost:
                     x, cost = other, other_cost
         return float(x[0]), float(x[1])
 
     def _make_grid(self, top_speed: float) -> "_Grid":
-        """Nodes, geometric in each direction, and the friction there at the first places of the search."""
+        """Return speed nodes, geometric in each direction, and the friction curves of the search's grid."""
         if top_speed not in self.grids:
             half = np.geomspace(self.rest_speed, top_speed, NODES)
             nodes = np.concatenate([-half[::-1], half])
@@ -432,7 +445,10 @@ class WearTemperatureFit:
         return self.grids[top_speed]
 
     def _trade_speeds(self, x: Array) -> Array | None:
-        """Wear and temperature whose low-speed terms have each other's speeds, None without such terms."""
+        """Return the start at which the low-speed terms of wear and temperature have swapped their speeds.
+
+        Eq. (17) often has a second local minimum there. None where the law has no such terms.
+        """
         start, slope, wear_slope = (self.law.get(name, 0.0) for name in ("eta3", "eta4", "eta8"))
         if slope <= 0 or wear_slope <= 0 or x[0] <= 0:
             return None
@@ -441,11 +457,12 @@ class WearTemperatureFit:
         return np.array([wear, np.clip(temperature, self.lowest, self.temperature_limit)])
 
     def _make_signals(self, batch: Batch) -> Signals:
+        """Return the signals of a batch, along which the other declared effects are evaluated."""
         load = compute_rigid_torque(batch, self.model, self.window)
         return Signals.along(batch.t, batch.qd, batch.q, estimate_acceleration(batch, self.window), load)
 
     def _minimise(self, start: Array, nodes: Array, form: Form) -> tuple[Array, float]:
-        """Wear and temperature (2,) of the smallest sum of squares near a start, and that sum."""
+        """Return wear and temperature (2,) of the smallest sum of squares near a start, and that sum."""
         outcome, wear, temperature, cost = search_wear(
             self.packed, nodes, form, start, self.lowest, self.temperature_limit, self.max_iterations
         )
@@ -456,12 +473,12 @@ class WearTemperatureFit:
         return np.array([wear, temperature]), cost
 
     def test_quantity(self, batch: Batch) -> float:
-        """Estimated wear level less that of the nominal data [-]."""
+        """Return the estimated wear index minus that of the nominal data [-]."""
         return self.estimate(batch)[0] - self.nominal_wear
 
 
 class _Grid(NamedTuple):
-    """Speeds `nodes` (K,), wears and temperatures `places` (m, 2), friction there `values` (m, K)."""
+    """Speeds `nodes` (K,), wears and temperatures `places` (m, 2), and their friction `values` (m, K)."""
 
     nodes: Array
     places: Array
@@ -469,20 +486,20 @@ class _Grid(NamedTuple):
 
 
 def make_form(speed: Array, nodes: Array, residual: Array, basis: Array) -> Form:
-    """Sum of squares that a friction curve over speed leaves of a residual, less what a basis takes.
+    """Return the sum of squared residuals as a quadratic form in a friction curve's values at nodes.
 
-    The curve is interpolated linearly between nodes, so that the sum is a quadratic form in its values there;
-    between nodes a ratio r apart, exp(-v/s) is missed by at most 0.07 (r - 1)^2. With S the interpolation and
-    P the projection that takes the basis B away, it is c - 2 b'x + x'A x, A = S'P S, b = S'P r, c = r'P r.
-    S'S is tridiagonal and S'B as wide as the basis, so A is not made: two curves are weighed in K steps.
+    The curve is interpolated linearly between the nodes. Where successive nodes have the ratio r, the error
+    of exp(-v/s) is at most 0.07 (r - 1)^2. With S the interpolation and P the projection that removes the
+    basis B, the sum is c - 2 b'x + x'A x with A = S'P S, b = S'P residual and c = residual'P residual. S'S is
+    tridiagonal and S'B has few columns, so that A need not be formed: a product x'A x takes only K steps.
 
     Parameters
     ----------
     speed, residual : array (N,)
     nodes : array (K,)
-        Rising speeds that enclose all others.
+        Rising speeds whose range contains all of `speed`.
     basis : array (N, k)
-        Orthonormal.
+        Orthonormal columns.
     """
     left = np.clip(np.searchsorted(nodes, speed) - 1, 0, len(nodes) - 2)
     right_share = (speed - nodes[left]) / (nodes[left + 1] - nodes[left])
@@ -503,14 +520,14 @@ def make_form(speed: Array, nodes: Array, residual: Array, basis: Array) -> Form
 
 
 def evaluate_form(form: Form, values: Array) -> Array:
-    """Sum of squares (...) for curves (..., K) at the nodes."""
+    """Return the sum of squared residuals (...) of curves (..., K) at the nodes."""
     own = values**2 @ form.diagonal + 2.0 * (values[..., 1:] * values[..., :-1]) @ form.between
     taken = ((values @ form.seen) ** 2).sum(axis=-1)
     return form.constant + own - taken - 2.0 * (values @ form.vector)
 
 
 def _find_valleys(cost: Array) -> NDArray[np.integer]:
-    """Places of the grid, at most `STARTS` and the lowest first, that have no neighbour of a lower cost."""
+    """Return the indices of the grid's local minima, the lowest first, at most `STARTS`."""
     table = cost.reshape(len(FIRST_WEARS), FIRST_TEMPERATURES)
     padded = np.pad(table, 1, constant_values=np.inf)
     around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min(axis=(2, 3))
@@ -519,7 +536,7 @@ def _find_valleys(cost: Array) -> NDArray[np.integer]:
 
 
 def _orthonormal(columns: Array) -> Array:
-    """Orthonormal basis (N, k) of the columns, those that add nothing left out."""
+    """Return an orthonormal basis (N, k) of the columns; linearly dependent ones are left out."""
     left, values, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return left[:, values > 1e-8 * values[0]]
 

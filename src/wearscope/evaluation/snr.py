@@ -262,7 +262,7 @@ MOST_RUNS = 20_000
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
-    """Return standard normal quasi-random points (nodes, columns): a Sobol' sequence with fixed scrambling."""
+    """Return standard normal quasi-random points (nodes, columns): a Sobol' sequence, fixed scrambling."""
     from scipy.stats import qmc  # here, because importing it takes a second
 
     sampler = qmc.Sobol(columns, rng=generator_for(0, "normal nodes", columns))

@@ -1,1 +1,1 @@
-"""Surrogates of the test quantity over coded factors, with their own uncertainty."""
+"""Surrogates: fitted functions from coded factors to the test quantity, with their uncertainty."""

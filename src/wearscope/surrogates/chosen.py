@@ -1,6 +1,6 @@
-"""The surrogate that each cell takes, chosen by cross-validation on the training runs alone, and its table.
+"""Choice of each cell's surrogate by cross-validation on the training runs, and the table of the choices.
 
-The table has kind, fit, noise ceiling, points and state.
+The table states kind, fit, noise ceiling, number of points and state of each surrogate.
 """
 
 import json
@@ -48,35 +48,36 @@ CONSTANT = "constant"
 CHOSEN = "chosen"
 #: Cross-validated fit [%] above which neither polynomial chaos nor a bent process is tried.
 ENOUGH = 98.0
-#: Fit [%] by which a polynomial must be better than a Gaussian process to be taken.
+#: Fit [%] by which a polynomial must be better than a Gaussian process to be chosen.
 MARGIN = 1.0
-#: Largest number of factors off nominal on the lines that the scope asks about: the fault and one nuisance.
+#: The scope uses points at which at most this many factors differ from nominal: the fault and one nuisance.
 OFF = 2
-#: Fewest runs on these lines that give them a spread of their own. A quantile would need many more runs, so
-#: the spread is the root mean square of the left-out errors in units of their stated deviation.
+#: Fewest training runs at such points for a spread of their own. It is the root mean square of the
+#: cross-validation errors in units of their stated deviation, as a quantile would need many more runs.
 FEWEST = 10
+#: A test quantity counts as constant where it varies by at most this share of its magnitude.
 _CONSTANT = 1e-12
 
 
 @dataclass(frozen=True)
 class ChosenSurrogate:
-    """The surrogate that answers a cell's questions.
+    """The chosen surrogate of a cell.
 
     Attributes
     ----------
     fitted : FittedSurrogate or None
-        None where y is always the same.
+        None where y is constant.
     names : tuple of str
         Factor names, in column order.
     spread : float
-        By what the surrogate's own standard deviations are multiplied, so that 95 % of the left-out training
-        values lie in their 95 % intervals.
+        Factor on the surrogate's own standard deviations. With it, 95 % of the training values lie in the 95
+        % intervals of their cross-validated predictions.
     constant : float
-        y where it is always the same, else NaN.
+        Value of a constant y, else NaN.
     spread_asked : float
-        The same where the scope asks: at points with at most `OFF` factors off nominal.
+        As `spread`, for points that the scope uses: at most `OFF` factors differ from nominal.
     nominal : tuple of float
-        Coded nominal levels; empty where `spread` holds everywhere.
+        Coded nominal levels; empty where `spread` applies everywhere.
     """
 
     fitted: FittedSurrogate | None
@@ -88,7 +89,7 @@ class ChosenSurrogate:
 
     @property
     def kind(self) -> str:
-        """Name of the kind."""
+        """Kind of surrogate, one of `KINDS` or ``constant``."""
         return CONSTANT if self.fitted is None else self.fitted.kind
 
     @property
@@ -98,22 +99,22 @@ class ChosenSurrogate:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of one run about the response, as the surrogate estimates it."""
+        """Standard deviation of one run about the response, as the surrogate itself estimates it."""
         return 0.0 if self.fitted is None else self.fitted.noise
 
     def spread_at(self, z: ArrayLike) -> Array:
-        """Factor on the standard deviations at coded levels (M, n), shape (M,)."""
+        """Return the factor (M,) on the standard deviations at coded levels (M, n)."""
         if not self.nominal:
             return np.full(len(np.atleast_2d(z)), self.spread)
         return np.where(is_asked(z, self.nominal), self.spread_asked, self.spread)
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of one run about the surrogate, widened by `spread`."""
+        """Standard deviation of one run about the response, times `spread`."""
         return self.spread * self.noise
 
     def predict(self, z: ArrayLike) -> Array:
-        """Mean response at coded levels (M, n), shape (M,)."""
+        """Return the mean response (M,) at coded levels (M, n)."""
         if self.fitted is None:
             return np.full(len(np.atleast_2d(z)), self.constant)
         if isinstance(self.fitted, GaussianProcess):
@@ -121,20 +122,20 @@ class ChosenSurrogate:
         return self.fitted.predict(z)[0]
 
     def standard_error(self, z: ArrayLike) -> Array:
-        """Standard deviation of the mean response at coded levels (M, n), shape (M,)."""
+        """Return the standard deviation (M,) of the mean response at coded levels (M, n)."""
         if self.fitted is None:
             return np.zeros(len(np.atleast_2d(z)))
         return self.spread_at(z) * self.fitted.predict(z)[1]
 
     def prediction_interval(self, z: ArrayLike, level: float = 0.95) -> tuple[Array, Array]:
-        """Interval that holds one new run with probability `level`, low and high (M,)."""
+        """Return the ends (M,) of the interval that contains one new run with probability `level`."""
         value = self.predict(z)
         noise = self.spread_at(z) * self.noise
         half = special.ndtri(0.5 + level / 2) * np.hypot(self.standard_error(z), noise)
         return value - half, value + half
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
-        """Response functions that the runs allow, shape (draws, M), their scatter widened by `spread`."""
+        """Draw response functions (draws, M) from the surrogate's uncertainty, which `spread` scales."""
         if self.fitted is None:
             return np.full((draws, len(np.atleast_2d(z))), self.constant)
         mean = self.predict(z)
@@ -148,26 +149,28 @@ def choose_surrogate(
     nominal: Mapping[str, float],
     kinds: Sequence[str] = KINDS,
 ) -> tuple[ChosenSurrogate, dict[str, float]]:
-    """Surrogate of the best cross-validated fit; a Gaussian process where it is less than `MARGIN` behind.
+    """Choose the surrogate with the best cross-validated fit; a Gaussian process gets `MARGIN` as a bonus.
 
-    The intervals of a polynomial ignore what its terms cannot express; those of a process include it.
+    The reason is that the intervals of a polynomial ignore what its terms cannot express. Those of a process
+    include it.
 
     Parameters
     ----------
     z, y : array (N, n), (N,)
-        Training runs, finite.
+        Training runs; all values are finite.
     names : sequence of str, (n,)
     nominal : mapping of str to float
-        Coded nominal levels; the factor of the shortest length may be bent at its own.
+        Coded nominal levels. A bent process bends the factor with the shortest length scale at its nominal
+        level.
     kinds : sequence of str
-        Those of `KINDS` that are tried.
+        Kinds to try, of `KINDS`.
 
     Returns
     -------
     chosen : ChosenSurrogate
     fits : dict of str to float
-        Fit (6) [%] of the left-out predictions by kind that was tried and could be fitted; that of a
-        polynomial chaos that is behind even where it is flattered, flattered.
+        Fit (6) [%] of the cross-validated predictions, by kind that could be fitted. Polynomial chaos has an
+        optimistic value where even that is worse than the others (see `fit_polynomial_chaos`).
     """
     fits: dict[str, float] = {}
     if np.ptp(y) <= _CONSTANT * np.abs(y).max():
@@ -201,22 +204,23 @@ def choose_surrogate(
     if asked.sum() < FEWEST:
         return ChosenSurrogate(best, tuple(names), spread), fits
     ratio = ((y - best.left_out) / best.left_out_deviation)[asked]
-    # A standard deviation from few values takes the quantile of Student's t in place of the normal one.
+    # The standard deviation comes from few values, so Student's t replaces the normal distribution.
     few = special.stdtrit(len(ratio), 0.975) / special.ndtri(0.975)
     there = float(few * np.sqrt(np.mean(ratio**2)))
     return ChosenSurrogate(best, tuple(names), spread, np.nan, there, levels), fits
 
 
 def is_asked(z: ArrayLike, nominal: Sequence[float]) -> NDArray[np.bool_]:
-    """Which coded points (M, n) lie on the lines that the scope asks about: at most `OFF` factors vary."""
+    """Return which coded points (M, n) are of the kind that the scope uses: at most `OFF` factors vary."""
     off = np.abs(np.atleast_2d(np.asarray(z, dtype=float)) - np.asarray(nominal)) > 1e-9
     return off.sum(axis=1) <= OFF
 
 
 def calibrate_spread(fitted: FittedSurrogate, y: Array) -> float:
-    """Factor on the standard deviations that brings 95 % of the left-out values into their intervals.
+    """Return the factor on the standard deviations by which 95 % of the values lie in their intervals.
 
-    The split-conformal quantile of |y - left out| / deviation over that of a normal distribution.
+    The intervals are those of cross-validated predictions. The factor is the split-conformal quantile of
+    |y - prediction| / deviation over the quantile of a normal distribution.
     """
     ratio = np.sort(np.abs(y - fitted.left_out) / fitted.left_out_deviation)
     place = min(int(np.ceil(0.95 * (len(ratio) + 1))), len(ratio))
@@ -233,12 +237,12 @@ def rebuild_surrogate(
     spread_asked: float = np.nan,
     nominal: Sequence[float] = (),
 ) -> ChosenSurrogate:
-    """The surrogate that was chosen, from its kind, parameters and training runs, without any search.
+    """Build the chosen surrogate again from its kind, parameters and training runs, without a search.
 
     Raises
     ------
     ValueError
-        Where the runs are not those that it was chosen on.
+        Where the runs do not determine it, so that they are not those of the choice.
     """
     if kind == CONSTANT:
         return ChosenSurrogate(None, tuple(names), spread, float(y[0]))
@@ -257,14 +261,14 @@ def rebuild_surrogate(
 
 FILLING = "filling"
 CHECKING = "checking"
-#: Sets whose runs a chosen surrogate learns from; no fit and no choice sees the runs of `CHECKING`.
+#: Sets whose runs a chosen surrogate learns from; the runs of `CHECKING` are used for no fit and no choice.
 TRAINING = (IDENTIFICATION, VALIDATION, FILLING)
 
 
 def training_runs(
     cell: pd.DataFrame, names: Sequence[str], max_failed_share: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coded levels (N, n) and values (N,) that a cell's surrogate learns from, by set and point."""
+    """Return the coded levels (N, n) and values (N,) of a cell's training runs, sorted by set and point."""
     rows = cell[cell["set"].isin(TRAINING)].sort_values(["set", "point"])
     key = tuple(rows[CELL].iloc[0]) if len(rows) else ()
     good = usable_points(rows, key, max_failed_share)
@@ -272,19 +276,20 @@ def training_runs(
 
 
 def noise_ceiling(y: np.ndarray, squares: float, freedom: int) -> tuple[float, float]:
-    """Fit (6) [%] that noise alone leaves at values y, and the lowest that its uncertainty allows (95 %).
+    """Return the fit (6) [%] that a perfect surrogate would have, as noise limits it, and its lower bound.
 
     Parameters
     ----------
     y : array (M,)
-        Runs that a fit is stated on.
+        Runs on which the fit is computed.
     squares, freedom : float, int
-        Of the noise, from replicated runs.
+        Sum of squares and degrees of freedom of the noise, from replicated runs.
 
     Returns
     -------
     ceiling, low : float
-        NaN without replicates or where y does not vary.
+        Fit [%], and its lower end by the uncertainty of the noise (95 %). Both are NaN without replicates or
+        where y is constant.
     """
     if freedom < 1 or len(y) < 2 or np.ptp(y) == 0:
         return np.nan, np.nan
@@ -303,16 +308,17 @@ def choose_surrogates(
     goal: float = 95.0,
     max_failed_share: float = 0.05,
 ) -> pd.DataFrame:
-    """Choose a surrogate for every cell and state its fit on the runs that no choice saw.
+    """Choose a surrogate for every cell, and compute its fit on the checking runs.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        Sets `TRAINING` and ``checking``; coded factors as the axis sees them.
+        Test quantities of the sets `TRAINING` and ``checking`` with coded factors; the factor ``f`` is the
+        wear of the cell's own axis.
     factors : sequence of Factor
     kinds : sequence of str
     goal : float
-        Fit [%] that counts as reached.
+        Wanted fit [%].
     max_failed_share : float
         Largest share of NaN test quantities in a cell.
 
@@ -321,17 +327,16 @@ def choose_surrogates(
     DataFrame
         ``robot``, ``cycle``, ``axis``, ``fda``; ``kind``; ``fit`` [%] (6) on the checking runs; ``ceiling``
         and ``ceiling_low`` [%], see `noise_ceiling`; ``state``: ``reached`` (fit >= goal), ``at ceiling``
-        (what is missing the noise explains), ``short`` (the points are spent) or ``constant``; ``noise``
-        (standard deviation of a run, from replicates), ``inside`` (share of the checking runs in their 95 %
-        intervals), ``spread`` and ``spread_asked`` (see `wearscope.surrogates.chosen.ChosenSurrogate`),
-        ``nominal``, ``n_points``, ``n_checking``, ``n_failed``, the cross-validated fit
-        ``left_out_<kind>`` of each kind tried, and ``parameters`` (JSON), with which `read_chosen` makes the
-        surrogate again.
+        (the noise explains the rest), ``short`` (neither) or ``constant``; ``noise`` (standard deviation of a
+        run, from replicates), ``inside`` (share of the checking runs in their 95 % intervals), ``spread`` and
+        ``spread_asked`` (see `wearscope.surrogates.chosen.ChosenSurrogate`), ``nominal``, ``n_points``,
+        ``n_checking``, ``n_failed``, the cross-validated fit ``left_out_<kind>`` of each kind, and
+        ``parameters`` (JSON), from which `read_chosen` builds the surrogate again.
 
     Raises
     ------
     InputError
-        Where there are no checking runs, too many failed, or too few to fit anything.
+        Where there are no checking runs, too many runs failed, or too few remain for any fit.
     """
     names = factor_columns(test_quantities)
     nominal = nominal_levels(factors)
@@ -375,6 +380,7 @@ def choose_surrogates(
 
 
 def _state(chosen: ChosenSurrogate, fit: float, lowest: float, goal: float) -> str:
+    """Return the state of a surrogate: ``constant``, ``reached``, ``at ceiling`` or ``short``."""
     if chosen.fitted is None:
         return "constant"
     if fit >= goal:
@@ -385,19 +391,19 @@ def _state(chosen: ChosenSurrogate, fit: float, lowest: float, goal: float) -> s
 def read_chosen(
     chosen: pd.DataFrame, test_quantities: pd.DataFrame
 ) -> Iterator[tuple[tuple, ChosenSurrogate]]:
-    """Each cell's chosen surrogate with its key (robot, cycle, axis, fda), in sorted order.
+    """Yield key (robot, cycle, axis, fda) and chosen surrogate of each cell, in sorted order.
 
     Parameters
     ----------
     chosen : DataFrame
         From `choose_surrogates`.
     test_quantities : DataFrame
-        Those that it was made from.
+        Test quantities on which the choice was made.
 
     Raises
     ------
     InputError
-        Where a cell has no training runs, or not those that its surrogate was chosen on.
+        Where a cell has no training runs, or another number of them than at the choice.
     """
     names = factor_columns(test_quantities)
     cells = dict(cells_of(test_quantities))
@@ -424,12 +430,12 @@ def read_chosen(
 def read_cells(
     model: str, test_quantities: pd.DataFrame, surrogates: pd.DataFrame, chosen: pd.DataFrame | None
 ) -> list[tuple[tuple, ChosenSurrogate | Surrogate]]:
-    """The surrogate that answers a question, by cell (robot, cycle, axis, fda), in sorted order.
+    """Return key (robot, cycle, axis, fda) and surrogate of each cell, in sorted order.
 
     Parameters
     ----------
     model : str
-        ``chosen``, or a quadratic model.
+        ``chosen``, or the name of a quadratic model.
     test_quantities, surrogates : DataFrame
     chosen : DataFrame or None
         Needed where `model` is ``chosen``.
@@ -437,7 +443,7 @@ def read_cells(
     Raises
     ------
     InputError
-        Where it is not there.
+        Where the table has no such model, or no surrogate was chosen.
     """
     if model != CHOSEN:
         return [(key[:4], one) for key, one in surrogates_of(surrogates, model)]
@@ -447,5 +453,5 @@ def read_cells(
 
 
 def read_noise(chosen: pd.DataFrame) -> dict[tuple, float]:
-    """Standard deviation of a run by cell (robot, cycle, axis, fda); NaN without replicates."""
+    """Return the standard deviation of a run by cell (robot, cycle, axis, fda); NaN without replicates."""
     return {tuple(row[name] for name in CELL): float(row["noise"]) for row in chosen.to_dict("records")}

@@ -1,6 +1,6 @@
-"""Second-order regressions of the test quantity on coded factors, by least squares (5), for every cell.
+"""Quadratic surrogates: least-squares regression (5) of the test quantity on coded factors, for every cell.
 
-Each has its own uncertainty, and normalised coefficients (8).
+Each surrogate has the covariance of its coefficients, and coefficients normalised by that of the fault (8).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,14 +20,14 @@ Array = NDArray[np.float64]
 
 
 def hold_levels(names: Sequence[str], levels: Mapping[str, float], varied: Mapping[str, Array]) -> Array:
-    """Coded points (M, n), a column for each name: factors that vary, (M,), and all others at `levels`."""
+    """Return coded points (M, n), one column for each name: `varied` factors (M,), others at `levels`."""
     columns = (varied[name] if name in varied else levels[name] for name in names)
     return np.column_stack(np.broadcast_arrays(*columns)).astype(float)
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """Surrogate model (1), y = phi(z)' theta + eps.
+    """Quadratic surrogate (1) with its uncertainty, y = phi(z)' theta + eps.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Surrogate:
     theta : array (p,)
         Coefficients in coded units.
     covariance : array (p, p)
-        Covariance of `theta`; NaN where it is unknown.
+        Covariance of `theta`; NaN where unknown.
     sigma : float
         Residual standard deviation; NaN without residual degrees of freedom.
     dof : int
@@ -58,7 +58,7 @@ class Surrogate:
         return linear_names(self.terms)
 
     def coefficient(self, term: str) -> float:
-        """Coefficient of a term; 0 where the model leaves it out."""
+        """Return the coefficient of a term; 0 where the model does not have the term."""
         return float(self.theta[self.terms.index(term)]) if term in self.terms else 0.0
 
     @cached_property
@@ -68,7 +68,7 @@ class Surrogate:
         return float(c), b, q
 
     def predict(self, z: ArrayLike) -> Array:
-        """Values at coded levels.
+        """Return the values at coded levels.
 
         Parameters
         ----------
@@ -87,12 +87,12 @@ class Surrogate:
         return product.sum(axis=1) + c
 
     def standard_error(self, z: ArrayLike) -> Array:
-        """Give the standard error of the mean prediction at coded levels (N, n), shape (N,)."""
+        """Return the standard error (N,) of the mean response at coded levels (N, n)."""
         phi = model_matrix(z, self.names, self.terms)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", phi, self.covariance, phi), 0.0))
 
     def prediction_interval(self, z: ArrayLike, level: float = 0.95) -> tuple[Array, Array]:
-        """Interval that holds one new value with probability `level`, if the model is right.
+        """Return the interval that contains one new value with probability `level`, if the model is correct.
 
         Parameters
         ----------
@@ -112,10 +112,10 @@ class Surrogate:
         return value - half, value + half
 
     def draw_coefficients(self, rng: np.random.Generator, draws: int) -> Array:
-        """Coefficient vectors that the data allow, shape (draws, p).
+        """Draw coefficient vectors (draws, p) from the uncertainty of the estimate.
 
-        From the multivariate t distribution of the estimate, its covariance and the residual degrees of
-        freedom; NaN without any.
+        Their distribution is the multivariate t with the estimate, its covariance and the residual degrees of
+        freedom. The draws are NaN without degrees of freedom.
         """
         if self.dof < 1 or not np.all(np.isfinite(self.covariance)):
             return np.full((draws, len(self.theta)), np.nan)
@@ -127,12 +127,12 @@ class Surrogate:
         return self.theta + stretch * (rng.standard_normal((draws, len(self.theta))) @ root.T)
 
     def at_fault(self, f: float) -> tuple[float, Array, Array]:
-        """c, g (n-1,), A (n-1, n-1) of y = c + g'w + w'Aw at a coded fault level."""
+        """Return c, g (n-1,) and A (n-1, n-1) of y = c + g'w + w'Aw in the nuisances w at a fault level."""
         c, g, a = condition_on_fault(self.theta, self.terms, f)
         return float(c), g, a
 
     def along(self, factor: str, levels: dict[str, float]) -> Array:
-        """Give a, b, c of y = a + b w + c w^2 in one factor, the others held, (3,).
+        """Return a, b, c (3,) of y = a + b w + c w^2 along one factor, with the other factors fixed.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Surrogate:
 def expand_coefficients(
     theta: ArrayLike, terms: tuple[str, ...], names: tuple[str, ...]
 ) -> tuple[Array, Array, Array]:
-    """Quadratic form of coefficient vectors.
+    """Return the quadratic form y = c + b'z + z'Qz of coefficient vectors.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def expand_coefficients(
     c : array (...,)
     b : array (..., n)
     q : array (..., n, n)
-        Symmetric; y = c + b'z + z'Qz.
+        Symmetric.
     """
     theta = np.asarray(theta, dtype=float)
     n = len(names)
@@ -183,7 +183,7 @@ def expand_coefficients(
 
 
 def condition_on_fault(theta: ArrayLike, terms: tuple[str, ...], f: float) -> tuple[Array, Array, Array]:
-    """Quadratic form in the nuisances at a fault level.
+    """Return the quadratic form y = c + g'w + w'Aw in the nuisances w at a fault level.
 
     Parameters
     ----------
@@ -197,7 +197,6 @@ def condition_on_fault(theta: ArrayLike, terms: tuple[str, ...], f: float) -> tu
     c : array (...,)
     g : array (..., n - 1)
     a : array (..., n - 1, n - 1)
-        y = c + g'w + w'Aw.
     """
     names = linear_names(terms)
     c, b, q = expand_coefficients(theta, terms, names)
@@ -210,6 +209,7 @@ def condition_on_fault(theta: ArrayLike, terms: tuple[str, ...], f: float) -> tu
     )
 
 
+#: Columns that name a cell.
 CELL = ["robot", "cycle", "axis", "fda"]
 IDENTIFICATION = "identification"
 VALIDATION = "validation"
@@ -217,7 +217,10 @@ _CONSTANT = 1e-12
 
 
 def factor_columns(table: pd.DataFrame) -> list[str]:
-    """Coded factor columns of a test-quantity table: all but the keys, ``set``, ``point``, ``y``, natural.
+    """Return the coded factor columns of a table of test quantities.
+
+    They are the numeric columns other than the keys, ``set``, ``point``, ``y``, ``status`` and natural
+    levels.
 
     Raises
     ------
@@ -239,17 +242,17 @@ def factor_columns(table: pd.DataFrame) -> list[str]:
 
 
 def cells_of(table: pd.DataFrame, extra: Sequence[str] = ()) -> Iterator[tuple[tuple, pd.DataFrame]]:
-    """Cells of a table in sorted order: key tuple (robot, cycle, axis, fda, ...) and rows."""
+    """Yield key (robot, cycle, axis, fda, ...) and rows of each cell, in sorted order."""
     yield from table.groupby([*CELL, *extra], sort=True, observed=True)
 
 
 def cell_name(key: Sequence[object]) -> str:
-    """``robot/cycle/axis/fda`` for messages and seeds."""
+    """Return the name ``robot/cycle/axis/fda`` of a cell, for messages and seeds."""
     return "/".join(str(part) for part in key)
 
 
 def fit_surrogate(z: ArrayLike, y: ArrayLike, names: Sequence[str], model: str) -> Surrogate:
-    """Least-squares surrogate (5) on coded levels, by statsmodels.
+    """Fit a surrogate to coded levels by least squares (5), with statsmodels.
 
     Parameters
     ----------
@@ -263,8 +266,8 @@ def fit_surrogate(z: ArrayLike, y: ArrayLike, names: Sequence[str], model: str) 
     Returns
     -------
     Surrogate
-        Where every y is the same, its coefficients are exactly that constant and zeros, with status
-        ``constant``.
+        Where every y is the same, the constant term is exactly that value, all other coefficients are 0, and
+        the status is ``constant``.
 
     Raises
     ------
@@ -297,7 +300,7 @@ def fit_surrogate(z: ArrayLike, y: ArrayLike, names: Sequence[str], model: str) 
 
 
 def normalise_coefficients(theta: ArrayLike, terms: Sequence[str]) -> np.ndarray:
-    """Coefficients relative to the direct effect of the fault, eq. (8); NaN where that effect is zero."""
+    """Return coefficients relative to the direct effect of the fault, eq. (8); NaN where that effect is 0."""
     theta = np.asarray(theta, dtype=float)
     direct = theta[list(terms).index(FAULT)]
     if direct == 0 or not np.isfinite(direct):
@@ -306,7 +309,7 @@ def normalise_coefficients(theta: ArrayLike, terms: Sequence[str]) -> np.ndarray
 
 
 def usable_points(rows: pd.DataFrame, key: Sequence[object], max_failed_share: float) -> pd.DataFrame:
-    """Rows of a cell with a finite test quantity.
+    """Return the rows of a cell with a finite test quantity.
 
     Raises
     ------
@@ -328,28 +331,29 @@ def usable_points(rows: pd.DataFrame, key: Sequence[object], max_failed_share: f
 def fit_surrogates(
     test_quantities: pd.DataFrame, models: Sequence[str] = MODELS, max_failed_share: float = 0.05
 ) -> pd.DataFrame:
-    """Surrogates of every cell.
+    """Fit the quadratic surrogates of every cell.
 
     Parameters
     ----------
     test_quantities : DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``set``, ``point``, the coded factors as that axis sees them,
-        ``y``; only the set ``identification`` is used.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``set``, ``point``, the coded factors, ``y``. The factor
+        ``f`` is the wear of the cell's own axis. Only the set ``identification`` is used.
     models : sequence of str
     max_failed_share : float
-        Largest share of NaN test quantities in a cell; below it they are left out and counted.
+        Largest share of NaN test quantities in a cell; up to it they are left out and counted.
 
     Returns
     -------
     DataFrame
         The keys, ``model``, ``term``, ``theta``, ``theta_normalised`` (8), ``stderr``; then ``covariance``
         (the term's row of the covariance matrix, in term order), ``sigma``, ``dof``, ``n_points``,
-        ``n_failed``, ``status``. Rows of a surrogate stay in term order.
+        ``n_failed``, ``status``. The rows of a surrogate are in term order.
 
     Raises
     ------
     InputError
-        Missing columns, no identification rows, too many failed points, an unestimable model.
+        Where columns or identification rows are missing, too many points failed, or the points do not
+        determine a model.
     """
     names = factor_columns(test_quantities)
     rows = test_quantities[test_quantities["set"] == IDENTIFICATION]
@@ -375,7 +379,7 @@ def fit_surrogates(
 
 
 def surrogate_rows(surrogate: Surrogate) -> pd.DataFrame:
-    """One row a term of a surrogate, without its keys."""
+    """Return the rows of a surrogate, one for each term, without the keys."""
     return pd.DataFrame(
         {
             "term": list(surrogate.terms),
@@ -390,12 +394,12 @@ def surrogate_rows(surrogate: Surrogate) -> pd.DataFrame:
 
 
 def read_surrogate(rows: pd.DataFrame) -> Surrogate:
-    """Surrogate of one cell's and model's rows, in the order in which `fit_surrogates` wrote them.
+    """Read a surrogate from the rows of one cell and model, in the order of `fit_surrogates`.
 
     Raises
     ------
     InputError
-        Where the rows are not one whole surrogate.
+        Where the rows are not one complete surrogate.
     """
     terms = tuple(rows["term"])
     if len(set(terms)) != len(terms) or FAULT not in terms:
@@ -416,12 +420,12 @@ def read_surrogate(rows: pd.DataFrame) -> Surrogate:
 
 
 def surrogates_of(surrogates: pd.DataFrame, model: str | None = None) -> Iterator[tuple[tuple, Surrogate]]:
-    """Each surrogate of a table with its key (robot, cycle, axis, fda, model), in sorted order.
+    """Yield key (robot, cycle, axis, fda, model) and surrogate of each cell and model, in sorted order.
 
     Raises
     ------
     InputError
-        Where the table holds no surrogate of that model.
+        Where the table has no surrogate of that model.
     """
     rows = surrogates if model is None else surrogates[surrogates["model"] == model]
     if rows.empty:

@@ -1,4 +1,4 @@
-"""Fit (6) on validation runs, and the diagnostics of a surrogate."""
+"""Validation of quadratic surrogates: fit (6) on validation runs, and diagnostics of the regression."""
 
 import numpy as np
 import pandas as pd
@@ -23,13 +23,13 @@ from wearscope.surrogates.kinds.base import model_fit, pure_error
 
 
 def leverage(phi: ArrayLike) -> np.ndarray:
-    """Diagonal of the hat matrix Phi (Phi'Phi)^-1 Phi', shape (N,), by QR."""
+    """Return the diagonal (N,) of the hat matrix Phi (Phi'Phi)^-1 Phi', by QR."""
     q, _ = np.linalg.qr(np.asarray(phi, dtype=float))
     return np.sum(q * q, axis=1)
 
 
 def press(phi: ArrayLike, residual: ArrayLike) -> float:
-    """Sum of squared leave-one-out residuals; NaN where a point alone determines a term (leverage 1)."""
+    """Return the sum of squared leave-one-out residuals; NaN where one point alone determines a term."""
     h = leverage(phi)
     if np.any(h > 1 - 1e-9):
         return float("nan")
@@ -44,12 +44,13 @@ def lack_of_fit(
     z_validation: ArrayLike | None = None,
     y_validation: ArrayLike | None = None,
 ) -> tuple[float, float, str]:
-    """F test of whether the model misses something.
+    """Test by an F test whether the model lacks terms.
 
-    Against pure error where points are replicated; else against the larger model that holds this one (partial
-    F test); else against validation runs: with e the prediction errors and V = I + Phi_v (Phi'Phi)^-1 Phi_v',
-    e'V^-1 e / (N_v sigma^2) ~ F(N_v, dof) if the model is right. Without replicates sigma holds the misfit
-    too, so a small F against validation runs does not clear the model; a large one convicts it.
+    The test is against pure error where points are replicated. Else it is against a larger model that
+    contains this one (partial F test). Else it is against validation runs: with e the prediction errors and V
+    = I + Phi_v (Phi'Phi)^-1 Phi_v', e'V^-1 e / (N_v sigma^2) ~ F(N_v, dof) if the model is correct. Without
+    replicates sigma includes the misfit. Then a large F against validation runs proves a misfit, but a small
+    F proves nothing.
 
     Parameters
     ----------
@@ -91,9 +92,9 @@ def lack_of_fit(
 
 
 def fault_effect(surrogate: Surrogate) -> str:
-    """Sign of the direct effect theta_0 of the fault, or that it is unclear.
+    """Return the direction of the direct effect theta_0 of the fault.
 
-    ``rises``, ``falls``, ``unclear`` (its 95 % interval holds 0) or ``none`` (exactly 0).
+    It is ``rises``, ``falls``, ``unclear`` (the 95 % interval contains 0) or ``none`` (exactly 0).
     """
     k = surrogate.terms.index(FAULT)
     value, error = surrogate.theta[k], np.sqrt(surrogate.covariance[k, k])
@@ -107,7 +108,7 @@ def fault_effect(surrogate: Surrogate) -> str:
 def diagnose(
     surrogate: Surrogate, z: np.ndarray, y: np.ndarray, z_validation: np.ndarray, y_validation: np.ndarray
 ) -> dict[str, float | int | str]:
-    """Fit (6) on the validation points and the in-sample diagnostics of one surrogate."""
+    """Return the fit (6) on the validation points, and the in-sample diagnostics of one surrogate."""
     phi = model_matrix(z, surrogate.names, surrogate.terms)
     residual = y - surrogate.predict(z)
     h = leverage(phi)
@@ -139,7 +140,7 @@ def validate_surrogates(
     Parameters
     ----------
     test_quantities : DataFrame
-        Sets ``identification`` and ``validation``; the coded columns are in the identification coding.
+        Test quantities of the sets ``identification`` and ``validation``, both in the coding of the former.
     surrogates : DataFrame
         From `fit_surrogates`.
     max_failed_share : float
@@ -156,7 +157,7 @@ def validate_surrogates(
     Raises
     ------
     InputError
-        No validation rows, a cell without surrogate, too many failed points.
+        Where validation rows are missing, a cell has no rows of a set, or too many points failed.
     """
     names = factor_columns(test_quantities)
     if not (test_quantities["set"] == VALIDATION).any():

@@ -1,1 +1,1 @@
-"""Kinds of surrogate behind one interface: `fit(z, y, ...)` gives an object that predicts and draws."""
+"""Kinds of surrogate with one interface: each has a function that fits it, and predicts and draws."""

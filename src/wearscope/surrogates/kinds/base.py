@@ -1,4 +1,4 @@
-"""What every fitted surrogate offers, whatever its kind."""
+"""Interface of a fitted surrogate of any kind, the fit (6) and the noise from replicates."""
 
 from typing import Any, Protocol
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def model_fit(y: ArrayLike, predicted: ArrayLike) -> float:
-    """Model fit (6) [%]: 100 (1 - |y - yhat| / |y - mean y|); NaN where y does not vary."""
+    """Return the fit (6) [%], 100 (1 - |y - predicted| / |y - mean y|); NaN where y is constant."""
     y, predicted = np.asarray(y, dtype=float), np.asarray(predicted, dtype=float)
     if y.size == 0 or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return float("nan")
@@ -15,7 +15,7 @@ def model_fit(y: ArrayLike, predicted: ArrayLike) -> float:
 
 
 def pure_error(z: ArrayLike, y: ArrayLike) -> tuple[float, int]:
-    """Sum of squares and degrees of freedom of replicated points."""
+    """Return sum of squares and degrees of freedom of the noise, from replicated points."""
     z, y = np.round(np.asarray(z, dtype=float), 9), np.asarray(y, dtype=float)
     _, group = np.unique(z, axis=0, return_inverse=True)
     group = group.ravel()
@@ -33,15 +33,15 @@ class FittedSurrogate(Protocol):
     Attributes
     ----------
     kind : str
-        Its name in tables.
+        Name of the kind in tables.
     noise : float
-        Standard deviation of one run about the surrogate, in units of y.
+        Standard deviation of one run about the mean response, in the unit of y.
     left_out : array (N,)
-        Prediction of each training value by a fit that had not seen it.
+        Cross-validated prediction of each training value, by a fit that did not use it.
     left_out_deviation : array (N,)
-        Standard deviation of the error of `left_out`, noise included, as the surrogate itself states it.
+        Standard deviation of the error of `left_out`, including noise, as the surrogate estimates it.
     parameters : dict
-        What, together with the training runs, makes the same surrogate again; JSON-able.
+        Parameters from which, with the training runs, the same surrogate can be built; JSON can hold them.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class FittedSurrogate(Protocol):
     parameters: dict[str, Any]
 
     def predict(self, z: ArrayLike) -> tuple[Array, Array]:
-        """Mean response at coded levels (M, n) and the standard deviation of that mean, (M,) each."""
+        """Return mean response (M,) and standard deviation (M,) of that mean at coded levels (M, n)."""
 
     def draw(self, z: ArrayLike, rng: np.random.Generator, draws: int) -> Array:
-        """Response functions that the runs allow, at coded levels (M, n), shape (draws, M); no noise."""
+        """Draw response functions (draws, M) at coded levels (M, n) from the uncertainty, without noise."""

@@ -1,15 +1,15 @@
-"""Gaussian process surrogate: a quadratic and an anisotropic Matern 5/2 part, and noise.
+"""Gaussian process surrogate: a quadratic part, an anisotropic Matern 5/2 part, and noise.
 
-Some test quantities change fast where one factor is nominal (detector A's residual all but vanishes where the
-temperature is the one that it learned from): a stationary process would need many runs there. So a process
-may see one factor bent: as the signed cube root of its distance to nominal with a smooth step at nominal
-added (``root``), or as it is with a narrow and a wide step added (``steps``). Whether and how is
-chosen by cross-validation like everything else.
+Some test quantities change fast where one factor is nominal. For example, the residual of detector A nearly
+vanishes at the temperature at which it learned. A stationary process would need many runs there. So a process
+may transform ("bend") one factor. ``root`` replaces it by the signed cube root of its distance to nominal,
+and adds a smooth step at nominal as a further input. ``steps`` keeps the factor and adds a narrow and a wide
+step. Cross-validation chooses whether and how a factor is bent.
 
-The marginal likelihood of the hyperparameters and its gradient come from few matrix products. scikit-learn
-takes the derivative of its kernel by each hyperparameter as a matrix and multiplies each with the same one;
-here the sums are taken at once, from squared distances that no hyperparameter changes, which costs a fifth.
-Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, eqs. (5.8), (5.9).
+The marginal likelihood of the hyperparameters and its gradient need only a few matrix products. Unlike in
+scikit-learn, the derivatives of the kernel are not formed as matrices: all sums use squared distances that do
+not depend on the hyperparameters. This takes a fifth of the time. Rasmussen and Williams, Gaussian Processes
+for Machine Learning, 2006, eqs. (5.8), (5.9).
 """
 
 from typing import Any, NamedTuple
@@ -23,18 +23,19 @@ from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
 
-#: Added to the diagonal, as scikit-learn does, so that rounding leaves the matrix positive.
+#: Added to the diagonal, as in scikit-learn, so that the matrix stays positive definite despite rounding.
 DIAGONAL = 1e-10
 
 
 class Hyperparameters(NamedTuple):
-    """Hyperparameters of the process for standardised y, in the order in which their logarithms are kept.
+    """Hyperparameters of the process for standardised y; a vector holds their logarithms in this order.
 
     Attributes
     ----------
     variance : float
-        Of the Matern part.
+        Variance of the Matern part.
     lengths : array (n,)
+        Length scales of the Matern part.
     quadratic, offset : float
         Factor and offset of the quadratic part, ``quadratic (offset^2 + x'z)^2``.
     noise : float
@@ -49,20 +50,21 @@ class Hyperparameters(NamedTuple):
 
     @classmethod
     def from_logarithms(cls, theta: Array) -> "Hyperparameters":
-        """From the vector (n + 4,) that is searched."""
+        """Return the hyperparameters from the vector (n + 4,) of their logarithms."""
         value = np.exp(theta)
         return cls(float(value[0]), value[1:-3], float(value[-3]), float(value[-2]), float(value[-1]))
 
 
 class Likelihood:
-    """Negative logarithm of the marginal likelihood of a Matern 5/2 and a quadratic part with noise.
+    """Negative logarithm of the process's marginal likelihood, as a function of the hyperparameters.
 
-    Symmetric matrices are held as their lower triangles, (M,) with M = N (N + 1) / 2, which is half the work.
+    Symmetric matrices are stored as their lower triangles, (M,) with M = N (N + 1) / 2, which halves the
+    work.
 
     Parameters
     ----------
     seen : array (N, n)
-        Training points as the process sees them.
+        Training points after a factor was bent.
     target : array (N,)
         Standardised y.
     """
@@ -74,14 +76,15 @@ class Likelihood:
         self.squares = (seen[row] - seen[column]) ** 2
         self.products = (seen @ seen.T)[row, column]
         self._row, self._column = row, column
-        #: Where the triangle lies in a matrix, and half of how often its elements count in a sum.
+        # Indices of the triangle's elements in the flat matrix. Off-diagonal elements occur twice in a sum
+        # over the matrix; all weights are halved.
         self._place = column * count + row
         self._times = np.where(row == column, 0.5, 1.0)
         self._diagonal = np.flatnonzero(row == column)
         self._matrix = np.zeros(count * count)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
-        """Value and gradient (n + 4,) at the logarithms `theta` (n + 4,); infinity where it is undefined."""
+        """Return value and gradient (n + 4,) at the logarithms `theta`; infinity where it is undefined."""
         given = Hyperparameters.from_logarithms(theta)
         count = len(self.target)
         inner = 5.0 * given.lengths**-2
@@ -89,7 +92,8 @@ class Likelihood:
         np.sqrt(ratio, out=ratio)
         decay = np.exp(-ratio)
         decay *= given.variance
-        # Matern is (1 + ratio + ratio^2 / 3) decay; its derivative by a squared distance, (1 + ratio) decay.
+        # The Matern part is (1 + ratio + ratio^2 / 3) decay. Its derivative with respect to a squared
+        # distance is proportional to (1 + ratio) decay.
         slope = (1.0 + ratio) * decay
         ratio *= ratio
         ratio *= decay
@@ -108,7 +112,8 @@ class Likelihood:
         half, _ = dpotri(root, lower=True, overwrite_c=True)
         weights = dsymv(1.0, half, self.target, lower=True)
         value = 0.5 * self.target @ weights + logarithm + 0.5 * count * np.log(2.0 * np.pi)
-        # The derivative by a hyperparameter is the sum of this matrix times that of the covariance.
+        # The derivative with respect to a hyperparameter is the sum over the elementwise product of this
+        # matrix and the derivative of the covariance.
         by_covariance = half.T.reshape(-1)[self._place]
         by_covariance -= weights[self._row] * weights[self._column]
         by_covariance *= self._times
@@ -127,22 +132,22 @@ class Likelihood:
 
 GAUSSIAN_PROCESS = "gaussian_process"
 BENT_GAUSSIAN_PROCESS = "bent_gaussian_process"
-#: Widths of the steps at nominal, coded.
+#: Coded widths of the narrow and of the wide step at nominal.
 STEP, WIDE_STEP = 0.1, 0.4
 SHAPES = ("root", "steps")
-#: Length scales from which the search begins: the likelihood may have several maxima.
+#: Length scales at which the search starts; there are two, as the likelihood may have several maxima.
 FIRST_LENGTHS = (4.0, 1.5)
 ITERATIONS = 60
-#: The search ends where a step betters the logarithm of the likelihood by less than this share. With some
-#: hundreds of runs that is a thousandth, negligible against the two that an interval of a hyperparameter
-#: spans.
+#: The search ends where a step improves the logarithm of the likelihood by less than this share. With some
+#: hundreds of runs that is about 0.001. It is negligible, as the logarithm changes by 2 over the confidence
+#: interval of a hyperparameter.
 ENOUGH = 1e-6
-#: With this many runs for each hyperparameter, half of the runs suffice to compare the starts of the search.
+#: With at least this many runs for each hyperparameter, half of the runs suffice to compare the starts.
 FEWEST_HALVED = 8
-#: Covariances computed at a time where only the mean is asked: they stay in the processor's cache, and in
-#: memory that the process already has.
+#: Number of covariances that are computed at once for the mean response: they fit into the processor's cache.
 CELLS = 2**16
-#: Added to the variance of standardised y where functions are drawn, so that rounding leaves it positive.
+#: Added to the variance of standardised y where functions are drawn, so that it stays positive despite
+#: rounding.
 JITTER = 1e-8
 
 
@@ -154,9 +159,10 @@ class GaussianProcess:
     z, y : array (N, n), (N,)
         Training runs.
     parameters : dict
-        ``theta``, logarithms of the `Hyperparameters` for standardised y, without the noise;
-        ``log_noise``, of its variance; ``log_lengths``, of the Matern part, by factor; ``bent``, the column
-        of the bent factor or None; ``centre``, its nominal level; ``shape``, one of `SHAPES`.
+        ``theta``, logarithms of the `Hyperparameters` for standardised y without the noise; ``log_noise``,
+        logarithm of the noise's variance; ``log_lengths``, logarithms of the length scales by factor;
+        ``bent``, the column of the bent factor or None; ``centre``, its nominal level; ``shape``, one of
+        `SHAPES`.
     """
 
     def __init__(self, z: Array, y: Array, parameters: dict[str, Any]) -> None:
@@ -179,16 +185,21 @@ class GaussianProcess:
         self.left_out_deviation = self.scale / np.sqrt(free)
 
     def _see(self, z: ArrayLike) -> Array:
+        """Return coded levels (M, n) as inputs of the process, with one factor bent where it has one."""
         return _see(z, self.parameters["bent"], self.parameters["centre"], self.parameters["shape"])
 
     def _covary(self, one: Array, other: Array) -> Array:
+        """Return the prior covariances (M, K) between points (M, n) and points (K, n), without noise."""
         given = self._given
         ratio = np.sqrt(5.0) * cdist(one / given.lengths, other / given.lengths)
         matern = (1.0 + ratio + ratio**2 / 3.0) * np.exp(-ratio)
         return given.variance * matern + given.quadratic * (np.inner(one, other) + given.offset**2) ** 2
 
     def _condition(self, seen: Array) -> tuple[Array, Array]:
-        """Mean (M,) at points; root (N, M) of the part of the prior's covariance that the runs explain."""
+        """Return the mean (M,) at points, and a matrix R (N, M).
+
+        R'R is the part of the prior covariance that the training runs remove.
+        """
         across = self._covary(seen, self._seen)
         return across @ self._weights, solve_triangular(self._root, across.T, lower=True)
 
@@ -201,7 +212,7 @@ class GaussianProcess:
         return self.middle + self.scale * mean, self.scale * np.sqrt(variance)
 
     def predict_mean(self, z: ArrayLike) -> Array:
-        """Mean response alone, which is much cheaper: the quadratic part is one form for all runs."""
+        """Return the mean response (M,) alone, much faster: the quadratic part is one form for all runs."""
         given, seen, trained, weights = self._given, self._see(z), self._seen, self._weights
         form = given.quadratic * (weights * trained.T) @ trained
         line = 2.0 * given.quadratic * given.offset**2 * (weights @ trained)
@@ -239,28 +250,28 @@ def fit_gaussian_process(
     shape: str = SHAPES[0],
     plain: GaussianProcess | None = None,
 ) -> GaussianProcess | None:
-    """Gaussian process of the highest marginal likelihood.
+    """Fit the Gaussian process with the largest marginal likelihood.
 
     Parameters
     ----------
     z, y : array (N, n), (N,)
         Training runs.
     noise : float
-        Standard deviation of a run from replicates: the search for the noise begins there and does not go
-        below half of it; 0 where unknown.
+        Standard deviation of a run from replicates; 0 where unknown. The search for the noise starts at this
+        value and does not go below half of it.
     bent : int, optional
         Column of the factor that is bent at `centre`.
     centre : float
         Coded nominal level of that factor.
     shape : {"root", "steps"}
-        How it is bent.
+        How the factor is bent.
     plain : GaussianProcess, optional
-        That of the same runs with no factor bent, from whose hyperparameters the search begins.
+        Process of the same runs without a bent factor; the search starts at its hyperparameters.
 
     Returns
     -------
     GaussianProcess or None
-        None with too few runs or where y does not vary.
+        None with too few runs or where y is constant.
     """
     from scipy.optimize import minimize  # imported here: only a fit needs the search
 
@@ -282,7 +293,8 @@ def fit_gaussian_process(
 
     starts = _first_hyperparameters(first, columns, plain)
     if len(starts) > 1:
-        # Every other run is enough to tell which start leads to the higher maximum, in a seventh of the time.
+        # Half of the runs are enough to find the start that leads to the higher maximum, and take a seventh
+        # of the time.
         part = slice(None, None, 2 if len(y) >= FEWEST_HALVED * len(first) else 1)
         starts = [min((search(part, first) for first in starts), key=lambda one: one.fun).x]
     theta = search(slice(None), starts[0]).x
@@ -298,20 +310,24 @@ def fit_gaussian_process(
 
 
 def _first_hyperparameters(theta: Array, columns: int, plain: GaussianProcess | None) -> list[Array]:
-    """Logarithms (columns + 4,) from which the search begins, `theta` among them."""
+    """Return the logarithms (columns + 4,) at which the search starts.
+
+    They are those of the process without a bent factor where it is given, else `theta` with two length
+    scales.
+    """
     if plain is None:
         starts = [theta.copy() for _ in FIRST_LENGTHS]
         for start, length in zip(starts, FIRST_LENGTHS, strict=True):
             start[1 : 1 + columns] = np.log(length)
         return starts
     found = np.array([*plain.parameters["theta"], plain.parameters["log_noise"]])
-    # The columns that bending adds come last among the lengths.
+    # The inputs that bending adds have the last length scales.
     added = theta[len(found) - 3 : 1 + columns]
     return [np.concatenate([found[:-3], added, found[-3:]])]
 
 
 def _see(z: ArrayLike, bent: int | None, centre: float, shape: str) -> Array:
-    """Coded levels as the process sees them: as they are, or with one column bent, its steps added."""
+    """Return the inputs of the process: the coded levels, or with one column bent and its steps added."""
     z = np.atleast_2d(np.asarray(z, dtype=float))
     if bent is None:
         return z

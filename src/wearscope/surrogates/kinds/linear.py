@@ -1,8 +1,8 @@
-"""Surrogates linear in their coefficients: the full quadratic model, and sparse polynomial chaos.
+"""Surrogates that are linear in their coefficients: the full quadratic model, and sparse polynomial chaos.
 
-The terms of the chaos are chosen by least-angle regression (Efron et al. 2004, Ann. Statist. 32(2)) and the
-corrected leave-one-out error among the products of Legendre polynomials up to a total degree; Blatman and
-Sudret 2011, J. Comput. Phys. 230.
+The candidate terms of the chaos are products of Legendre polynomials up to a total degree. Least-angle
+regression (Efron et al. 2004, Ann. Statist. 32(2)) orders them, and the corrected leave-one-out error decides
+how many are used: Blatman and Sudret 2011, J. Comput. Phys. 230.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,18 +23,19 @@ QUADRATIC = "quadratic"
 POLYNOMIAL_CHAOS = "polynomial_chaos"
 DEGREE = 3
 FOLDS = 5
-#: Terms are added until the error is `_WORSE` times the least so far and more than `_FEW` terms are taken.
+#: Terms are added until the error exceeds `_WORSE` times the least error and there are more than `_FEW`
+#: terms.
 _WORSE, _FEW = 2.0, 10
 
 
 class LinearSurrogate:
-    """Least squares on a given basis, with the multivariate t distribution of its coefficients.
+    """Least-squares fit on a given basis, with the multivariate t distribution of its coefficients.
 
     Parameters
     ----------
     kind : str
     basis : callable
-        Coded levels (M, n) to regressors (M, p).
+        Function from coded levels (M, n) to regressors (M, p).
     z, y : array (N, n), (N,)
         Training runs; N > p.
     parameters : dict
@@ -66,7 +67,7 @@ class LinearSurrogate:
 
 
 def fit_quadratic(z: Array, y: Array, names: Sequence[str]) -> LinearSurrogate | None:
-    """Full second-order model (3) on all training runs; None where they do not determine it."""
+    """Fit the full second-order model (3); None where the runs do not determine it."""
     terms = model_terms("full", names)
     phi = model_matrix(z, names, terms)
     if len(y) <= len(terms) or np.linalg.matrix_rank(phi) < len(terms):
@@ -75,7 +76,7 @@ def fit_quadratic(z: Array, y: Array, names: Sequence[str]) -> LinearSurrogate |
 
 
 def legendre_basis(degrees: ArrayLike) -> Basis:
-    """Products of Legendre polynomials in z / 2, of degrees (p, n)."""
+    """Return the basis of products of Legendre polynomials in z / 2 with degrees (p, n)."""
     powers = np.asarray(degrees, dtype=int)
 
     def evaluate(z: ArrayLike) -> Array:
@@ -88,7 +89,7 @@ def legendre_basis(degrees: ArrayLike) -> Basis:
 
 
 def _take_terms(phi: Array, y: Array) -> Iterator[list[int]]:
-    """Columns of phi (N, p) that least-angle regression has taken step by step, from the first one on."""
+    """Yield the columns of phi (N, p) chosen by least-angle regression, with one more at each step."""
     mean, taken = np.zeros(len(y)), [0]
     for _ in range(min(phi.shape[1], len(y) - 1)):
         yield taken
@@ -101,14 +102,17 @@ def _take_terms(phi: Array, y: Array) -> Iterator[list[int]]:
             return
         length = 1.0 / np.sqrt(signs @ towards)
         along = phi[:, left].T @ active @ towards * length
-        with np.errstate(divide="ignore", invalid="ignore"):  # columns that depend on those taken
+        with np.errstate(divide="ignore", invalid="ignore"):  # by columns that depend on those chosen
             steps = np.r_[(largest - others) / (length - along), (largest + others) / (length + along)]
         mean = mean + steps[steps > 0.0].min(initial=largest / length) * length * active @ towards
         taken = [*taken, int(left[np.argmax(np.abs(phi[:, left].T @ (y - mean)))])]
 
 
 def _corrected_error(phi: Array, y: Array) -> float:
-    """Mean square leave-one-out error, corrected for p regressors; infinite where they are dependent."""
+    """Return the mean square leave-one-out error, corrected for the number of regressors.
+
+    It is infinite where the regressors are linearly dependent.
+    """
     q, r = np.linalg.qr(phi)
     if np.linalg.matrix_rank(r) < len(r):
         return np.inf
@@ -117,7 +121,7 @@ def _corrected_error(phi: Array, y: Array) -> float:
 
 
 def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
-    """Degrees of the Legendre products with the least corrected error, the constant among them."""
+    """Choose the Legendre products with the least corrected error; return their degrees (p, n)."""
     n = z.shape[1]
     several = [list(combinations_with_replacement(range(n), total)) for total in range(degree + 1)]
     degrees = np.array([[which.count(k) for k in range(n)] for same in several for which in same])
@@ -133,11 +137,12 @@ def choose_terms(z: Array, y: Array, degree: int = DEGREE) -> list[list[int]]:
 
 
 def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> LinearSurrogate | None:
-    """Sparse polynomial chaos; None where the runs are too few to choose and fit terms.
+    """Fit sparse polynomial chaos; None where the runs are too few to choose and fit terms.
 
-    Its left-out predictions come from five-fold cross-validation in which each fold chooses its own terms, so
-    that the error of the choice is included. Plain leave-one-out with the terms chosen on all runs is too
-    good; where even that fit does not exceed `to_beat` [%], its predictions are kept and no folds are fitted.
+    Its cross-validated predictions come from five folds, each of which chooses its own terms, so that the
+    error of the choice is included. Leave-one-out predictions with the terms chosen on all runs are
+    optimistic. Where even their fit does not exceed `to_beat` [%], they are kept and the folds are not
+    fitted, to save time.
     """
     n = z.shape[1]
     if len(y) < 4 * (n + 1) or np.ptp(y) == 0:
@@ -158,7 +163,7 @@ def fit_polynomial_chaos(z: Array, y: Array, to_beat: float = -np.inf) -> Linear
 
 
 def rebuild_polynomial_chaos(z: Array, y: Array, parameters: dict[str, Any]) -> LinearSurrogate | None:
-    """Polynomial chaos of chosen terms; None where the runs do not determine their coefficients."""
+    """Fit polynomial chaos with given terms; None where the runs do not determine the coefficients."""
     basis = legendre_basis(parameters["degrees"])
     phi = basis(z)
     if len(y) <= phi.shape[1] or np.linalg.matrix_rank(phi) < phi.shape[1]:
