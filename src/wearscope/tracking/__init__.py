@@ -1,1 +1,1 @@
-"""What changed since a machine was healthy: the reference's structure held, session by session."""
+"""What changed in each session since a machine was healthy; the model's terms stay those of the reference."""

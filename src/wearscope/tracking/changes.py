@@ -1,4 +1,4 @@
-"""Hypotheses of what may change between sessions: each is a group of columns with other weights."""
+"""Hypotheses of what may change between sessions; each is a group of columns whose weights may change."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,13 +13,13 @@ from wearscope.effects.vocabulary import plain_friction, session_effects
 if TYPE_CHECKING:
     from wearscope.tracking.structure import Structure
 
-#: A joint's friction as a whole, as a change and in the tables.
+#: Name and kind of a change of a joint's whole friction; also its name in the tables.
 FRICTION = "friction"
-#: Further kinds of change: torque that depends on the position, and a body on the link. Of each kind, as of
-#: friction, a joint has at most one change.
+#: Further kinds of change: torque that depends on the position, and a body on the link. A joint has at most
+#: one change of each kind.
 PLACE, BODY = "place", "body"
-#: Nats by which each effect in the vocabulary's order of changes is rarer than the one before; nats by which
-#: a part that must be mounted is rarer.
+#: Odds [nats] against each effect relative to the one before, in the vocabulary's order of changes; odds
+#: against a part that must be mounted.
 _RARER, _MOUNTED = 0.3, 2.0
 #: Number of a body's parameters without its inertia.
 _STATIC = 4
@@ -32,17 +32,17 @@ class Change:
     Attributes
     ----------
     name : str
-        Which no other change of the joint has.
+        Name that no other change of the joint has.
     joint : int
-        Of a body: the joint that moves its link.
+        Its joint; for a body, the joint that moves its link.
     terms : tuple of ModelTerm
         Effects whose coefficients change.
     kind : str
-        A joint has one change of a kind.
+        A joint has at most one change of a kind.
     odds : float
-        Nats by which it is rarer than a change of friction.
+        Odds against it relative to a change of friction [nats].
     weights : tuple of float
-        Where the coefficients change in proportion, their values in the reference: there is one column.
+        Where all coefficients change in proportion, with one column: their values in the reference.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Change:
 
     @property
     def count(self) -> int:
-        """Columns."""
+        """Number of columns."""
         return 1 if self.weights else sum(len(term.subset) for term in self.terms)
 
     @property
@@ -80,23 +80,23 @@ class Change:
         return value * weights, error * np.abs(weights)
 
     def columns(self, signals: Signals, bodies: np.ndarray) -> np.ndarray:
-        """Full-rate regressors (N, n, count); `bodies` (N, n, 10 n) are those of the links' parameters."""
+        """Full-rate regressors (N, n, count); `bodies` (N, n, 10 n) are the links' inertial regressors."""
         x = np.concatenate([_term_columns(term, signals, bodies) for term in self.terms], axis=2)
         return x @ np.array(self.weights)[:, None] if self.weights else x
 
 
 def _term_columns(term: ModelTerm, signals: Signals, bodies: np.ndarray) -> np.ndarray:
-    """Regressors (N, n, m) of a term as a change; a payload's are those of a body on its joint's link."""
+    """Regressors (N, n, m) of a term that changes; a payload is a body on the link of the term's joint."""
     if isinstance(term.effect, PayloadEffect):
         return bodies[:, :, 10 * term.joint + np.array(term.subset)]
     if term.effect.needs_wear:
-        # At f = 1: the torque of the wear is estimated, not the level of wear.
+        # Wear is set to 1, since the worn friction's torque is estimated and not the level of wear.
         signals = replace(signals, wear=np.ones_like(signals.v))
     return term.columns(signals)
 
 
 def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None) -> ModelTerm:
-    """An effect at a joint with its default shape and all its coefficients of the simplest variant."""
+    """Term of an effect at a joint, with its default or a given shape, in its simplest variant."""
     numbers = tuple(float(x) for x in effect.pack({})[1]) if shape is None else tuple(shape)
     return ModelTerm(effect, joint, numbers, tuple(int(k) for k in effect.subsets()[0]))
 
@@ -159,7 +159,7 @@ def list_bodies(n: int) -> list[Change]:
 
 
 def _find_kind(effect: Effect) -> str:
-    """Kind of which a joint has one change: friction of any form, torque by position, else the effect."""
+    """Kind of an effect's change: friction of any form, torque by position, or else the effect itself."""
     signals = set(effect.depends_on)
     if effect.is_friction and "load_{joint}" not in signals:
         return FRICTION

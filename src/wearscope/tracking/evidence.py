@@ -1,16 +1,17 @@
 """Evidence in the rows of a session: fits of sets of changes, and the score that compares two sets.
 
-The torque that a session leaves of the reference's prediction is y = Z d + C b + e: the changes d, random
+The residual of a session against the reference's prediction is y = Z d + C b + e, with changes d, random
 effects b and autocorrelated noise e. Random effects are the error of the reference's parameters, temperatures
-that nobody recorded, and what healthy sessions scatter. They are part of every
-fit, and what they have to explain is charged to it. Sets a and b are compared in nats by
+that were not recorded, and the scatter of healthy sessions. They are part of every fit, and their size is a
+cost of it. Sets a and b are compared in nats by
 
     ln BF = sum_j nu_j / 2 ln((L_j(a) + f_j) / (L_j(b) + f_j)) - (cost(b) - cost(a))
 
-L_j is the mean square that is left at joint j of held-out fifths of the session, f_j what no model's form
-follows, nu_j the rows over the design effect of the direction in which the sets differ, coarsened (Miller and
-Dunson 2019, JASA 114). The cost is ln(nu) / 2 a coefficient, the number of alternatives (Chen and Chen 2008,
-Biometrika 95), the odds of each change, and the strain of the random effects.
+L_j is the mean square residual at joint j on held-out fifths of the session, and f_j the form error that any
+model leaves. nu_j is the number of rows over the design effect of the direction in which the sets differ, and
+limited (Miller and Dunson 2019, JASA 114). The cost is ln(nu) / 2 per coefficient, the logarithm of the
+number of alternatives (Chen and Chen 2008, Biometrika 95), the odds against each change, and the strain: the
+cost of the random effects and of unusually large changes.
 """
 
 from collections.abc import Sequence
@@ -25,25 +26,25 @@ from wearscope.tracking.rows import RunRows, reduce_columns, scatter_columns
 from wearscope.tracking.structure import Belief, Structure
 
 #: Prior scatter of healthy sessions, as a share of the joint's friction and of its whole torque; number of
-#: sessions that the prior counts as.
+#: sessions as which this prior counts.
 PRIOR_FRICTION, PRIOR_TORQUE, _PRIOR_SESSIONS = 0.01, 0.003, 3.0
 #: Prior scatter of each of the `scatter_columns`.
 _PRIOR = (PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_FRICTION, PRIOR_TORQUE, PRIOR_TORQUE)
-#: No form is exact. So at most this many rows count, and this share of a change's mean square is left in any
-#: fit. Number of parts of a session that are held out in turn.
+#: No form is exact, so at most this many independent rows count, and the form error is this share of the mean
+#: square without changes. Number of parts of a session that are held out in turn.
 _MOST_ROWS, _FORM, _FOLDS = 250.0, 1e-4, 5
 #: Rounds in which the scatter of healthy sessions is estimated.
 _ROUNDS = 30
 #: False-alarm rate of a session, over all joints and changes.
 FALSE_ALARM_RATE = 0.01
-#: Nats that tell one explanation from another: 20 to 1.
+#: Odds [nats] from which one explanation excludes another: 20 to 1.
 SURE = 3.0
-#: Degrees of freedom of the healthy parameters' error, and of the scatter of healthy sessions.
+#: Degrees of freedom (Student's t) of the healthy parameters' error, and of the scatter of healthy sessions.
 _DOF, _SCATTER_DOF = 50.0, 6.0
 #: Usual RMS torque of a change: of friction, as a share of the joint's friction; of anything else, as a share
 #: of the joint's torque.
 _USUAL_FRICTION, _USUAL_TORQUE = 1.0, 0.5
-#: Errors of the reference below this share of the noise of all rows together are left out.
+#: Directions of the reference's error that are below this share of the noise, over all rows, are left out.
 _KNOWN = 0.05
 
 
@@ -57,13 +58,13 @@ class Fit:
     values, covariances : dict of str to ndarray
         Weights (m,) of each change and their covariance (m, m), by key.
     left : ndarray (R, n)
-        Torque that is left.
+        Residual torque.
     held, fitted : ndarray (n,)
-        Mean square left of rows held out, and of all.
+        Mean square residual on held-out rows, and on all rows.
     dof : float
-        Weights that the rows determine.
+        Number of weights that the rows determine.
     strain : float
-        Of random effects and of changes beyond their usual size, in nats.
+        Cost [nats] of the random effects, and of changes by their usual size.
     """
 
     changes: tuple[Change, ...]
@@ -80,14 +81,14 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(self.covariances[change.key]), 0.0))
 
     def p_value(self, change: Change) -> float:
-        """p-value of no change (Wald)."""
+        """p-value of the hypothesis that the change is zero (Wald's F)."""
         value, covariance = self.values[change.key], self.covariances[change.key]
         wald = value @ np.linalg.pinv(covariance, rcond=1e-10, hermitian=True) @ value
         return float(stats.f.sf(wald / len(value), len(value), _DOF))
 
 
 class Evidence:
-    """Rows of a session with the columns of all changes and random effects; fits of sets, each made once.
+    """Rows of a session with the columns of all changes and random effects, and fits of sets of changes.
 
     Parameters
     ----------
@@ -100,9 +101,9 @@ class Evidence:
     scatter : ndarray (k,), optional
         Standard deviation of each of `scatter_columns`; None leaves them out.
     of_temperature : bool
-        Whether what is not known of temperatures is a random effect.
+        Whether unknown temperatures, and their unknown influence, are random effects.
     level : float
-        Probability a priori that the session shows any change.
+        Prior probability that the session shows any change.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class Evidence:
         level: float = FALSE_ALARM_RATE,
     ):  # fmt: skip
         self.structure, self.changes = structure, tuple(changes)
-        #: Odds of any of the changes, in nats.
+        #: Prior odds against each of the changes [nats].
         self.odds = float(np.log(max(len(self.changes), 1) / level))
         keep = np.concatenate([r.weights > 0 for r in made]).astype(float)
         self.keep = keep
@@ -166,7 +167,7 @@ class Evidence:
         return np.asarray((square / self.count[:, None]).max(axis=0))
 
     def weigh(self, variance: np.ndarray) -> None:
-        """Take `variance` (n,) as the variance of the residual, as it counts for the sum of a block."""
+        """Weigh the rows by a variance (n,) of the residual that includes the effect of autocorrelation."""
         self.variance, self.form = variance, np.zeros(self.structure.n)
         self._made: dict[tuple[str, ...], Fit] = {}
         x = np.concatenate([self.z, self.random], axis=2)
@@ -177,7 +178,7 @@ class Evidence:
         self.form = _FORM * self.fit(()).held
 
     def fit(self, changes: Sequence[Change]) -> Fit:
-        """Fit of a set of changes with all random effects."""
+        """Fit of a set of changes with all random effects; each set is fitted once."""
         own = tuple(sorted(changes, key=lambda c: c.key))
         name = tuple(c.key for c in own)
         if name not in self._made:
@@ -185,7 +186,7 @@ class Evidence:
         return self._made[name]
 
     def _columns(self, changes: Sequence[Change]) -> np.ndarray:
-        """Places of the changes' columns, then of the random effects."""
+        """Indices of the changes' columns, then of the random effects'."""
         own = [self.at[c.key] for c in changes]
         return np.concatenate([*own, self.z.shape[2] + np.arange(self.random.shape[2])]).astype(int)
 
@@ -219,13 +220,13 @@ class Evidence:
         )
 
     def _strain(self, theta: np.ndarray) -> float:
-        """Cost of the weights of the random effects, in nats; their tails are those of Student's t."""
+        """Cost [nats] of the random effects' weights, whose prior has the tails of Student's t."""
         sure, far = theta[: self._known], theta[self._known :]
         total = _DOF * np.log1p(sure @ sure / _DOF) + _SCATTER_DOF * np.log1p(far**2 / _SCATTER_DOF).sum()
         return 0.5 * float(total)
 
     def rank(self, base: Sequence[Change], able: Sequence[Change]) -> list[Change]:
-        """Changes by what each adds to a set, the most first, by the products of all rows alone."""
+        """Changes ordered by their estimated gain when added to the set `base`, the largest first."""
         at = self._columns(base)
         total, goal = self._gram.sum(axis=0), self._score.sum(axis=0)
         inverse = invert(total[np.ix_(at, at)] + np.diag(self._penalty[at]))
@@ -239,7 +240,7 @@ class Evidence:
         return [able[k] for k in np.argsort(gains)[::-1]]
 
     def compare(self, a: Fit, b: Fit) -> float:
-        """Logarithm of the odds of set b over set a."""
+        """Log odds [nats] of set b over set a."""
         total, rows = 0.0, [2.0]
         for j in self.structure.moving:
             direction = a.left[:, j] - b.left[:, j]
@@ -250,7 +251,7 @@ class Evidence:
         return total - self.cost(b, max(rows)) + self.cost(a, max(rows))
 
     def rows(self, score: np.ndarray, joint: int) -> float:
-        """Independent rows that scores (R,) of a direction at a joint are worth, coarsened."""
+        """Number of independent rows that scores (R,) at a joint are worth, limited by `_MOST_ROWS`."""
         return float(1.0 / (self.design(score) / self.count[joint] + 1.0 / _MOST_ROWS))
 
     def cost(self, fit: Fit, rows: float) -> float:
@@ -260,7 +261,7 @@ class Evidence:
         return 0.5 * fit.dof * np.log(rows) + fit.strain + odds + SURE * more
 
     def design(self, score: np.ndarray) -> float:
-        """Design effect of scores (R,): variance of their sums over 1 to 8 blocks over that of free rows."""
+        """Design effect of scores (R,): variance of sums over 1 to 8 blocks over that of independent rows."""
         base, worst, sums = float(score @ score), 1.0, np.add.reduceat(score, self.starts)
         for merge in (1, 2, 4, 8):
             new = (np.diff(self._run) != 0) | (np.arange(1, len(self._run)) % merge == 0)
@@ -271,11 +272,14 @@ class Evidence:
         return worst
 
     def torque(self, fit: Fit, change: Change) -> np.ndarray:
-        """Torque (R, n) of a fitted change."""
+        """Torque (R, n) of a change as fitted."""
         return np.asarray(self.z[:, :, self.at[change.key]] @ fit.values[change.key])
 
     def smallest(self, fit: Fit, change: Change, direction: np.ndarray) -> float:
-        """Multiple of a change's weights (m,) from which the session would show it next to what it shows."""
+        """Smallest multiple of a change's weights `direction` (m,) that the session would show.
+
+        The change comes in addition to the set of changes in `fit`.
+        """
         at, own, total = self._columns(()), self.at[change.key], self._gram.sum(axis=0)
         inverse = invert(total[np.ix_(at, at)] + np.diag(self._penalty[at]))
         onto = inverse @ (total[np.ix_(at, own)] @ direction)
@@ -297,7 +301,7 @@ class Evidence:
         return float(high)
 
     def take_out(self) -> np.ndarray:
-        """Residual (R, n) of all changes at once, fitted robustly against a few odd rows (Huber 1964)."""
+        """Residual (R, n) of a fit of all changes at once that is robust against outliers (Huber 1964)."""
         x = np.concatenate([self.z, self.random], axis=2)
         weight, theta = self.keep / self.variance, np.zeros(x.shape[2])
         for _ in range(FITS):
@@ -321,16 +325,17 @@ def measure_scatter(
 ) -> np.ndarray:
     """Standard deviation of each of `scatter_columns` between healthy sessions, each against the others.
 
-    By expectation and maximisation: what the columns may explain of a session is shared by their present
-    scatter, and by the error of the others' prediction (Dempster, Laird and Rubin 1977, JRSS B 39).
+    It is estimated by expectation and maximisation (Dempster, Laird and Rubin 1977, JRSS B 39). A session's
+    deviation is divided between its scatter, by the present estimate, and the error of the others'
+    prediction.
 
     Parameters
     ----------
     structure : Structure
     healthy : sequence of Evidence
-        Each session with what the others say of the machine.
+        Evidence of each session, with the belief of the other sessions.
     made : sequence of sequence of RunRows
-        Rows of each.
+        Rows of each session.
     """
     prior = prior_scatter(structure)
     sums = []
@@ -352,15 +357,18 @@ def measure_scatter(
     return np.asarray(scatter)
 
 
-def invert(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a positive semidefinite matrix, scaled; directions that it lacks are left out."""
+def invert(matrix: np.ndarray, rcond: float = 1e-9) -> np.ndarray:
+    """Pseudo-inverse of a positive semidefinite matrix that is scaled to a unit diagonal first.
+
+    Directions whose eigenvalues are below `rcond` times the largest one are left out.
+    """
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=rcond, hermitian=True)
     return np.asarray(inverse / np.outer(scale, scale))
 
 
 def condition(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Covariance (P, P) of normal variables given those that are `known` (P,) of bool; theirs is zero."""
+    """Covariance (P, P) of normal variables given those of the mask `known` (P,), whose own becomes zero."""
     left = covariance.copy()
     cross = covariance[np.ix_(~known, known)]
     given = np.linalg.pinv(covariance[np.ix_(known, known)], rcond=1e-10, hermitian=True)

@@ -1,4 +1,4 @@
-"""What a session's assessment leaves for the tables and the page: plain values, one record a session."""
+"""Records of sessions for the tables and the page: plain values, one record per session."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -72,10 +72,10 @@ def describe_reference(reference: Reference, healthy: Sequence[Mapping[str, Any]
 def list_estimates(
     reference: Reference, evidence: Evidence, named: Sequence[Change], felt: Evidence
 ) -> dict[str, Any]:
-    """Rows of ``changes.parquet`` and series: each change conditional on the named changes.
+    """Rows of ``changes.parquet``, and series: each change is fitted together with the named changes.
 
-    Each joint's friction has one row, of its RMS torque by the evidence `felt`. A series holds a change's
-    share of its joint's friction or torque, signed, and its standard error.
+    Each joint's friction has one row for its RMS torque, from the evidence `felt`. A series holds a change's
+    signed share of its joint's friction or torque, and the standard error.
     """
     structure, rows, series = reference.structure, [], {}
     for change in evidence.changes:

@@ -1,4 +1,4 @@
-"""The healthy machine: structure from the closed loop on the reference, parameters, scatter of sessions."""
+"""The healthy machine: terms that the closed loop finds on the reference, parameters, scatter of sessions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +22,7 @@ from wearscope.tracking.evidence import (
     FALSE_ALARM_RATE,
     PRIOR_FRICTION,
     Evidence,
+    invert,
     measure_scatter,
     prior_scatter,
 )
@@ -31,12 +32,12 @@ from wearscope.tracking.session_runs import Frame, read_reference
 from wearscope.tracking.structure import Belief, Scales, Structure
 from wearscope.tracking.tracked_model import make_healthy_model
 
-#: A change is measured by the joint's friction, or by this share of its torque or of its residual if that is
-#: more.
+#: The friction by which changes are measured is at least the first share of the joint's torque, and the
+#: second share of its residual.
 _LEAST_FRICTION, _LEAST_OF_NOISE = 0.02, 1.0
-#: Whether a healthy session belongs with the others: from this ratio of mean square residuals on it does not;
-#: fewest sessions that tell which one it is. In this test, friction and a torque's factor and level may
-#: differ by so many times their prior scatter.
+#: A healthy session does not belong with the others from the first ratio of mean square residuals on; the
+#: test needs at least the second number of sessions. In it, friction and a torque's factor and level may
+#: differ by the third number times their prior scatter.
 _BAD, _FEWEST, _FREE = 25.0, 3, 30.0
 #: How far beyond a link a body may be [m].
 _BEYOND = 0.1
@@ -49,27 +50,27 @@ class Reference:
     Attributes
     ----------
     sessions : tuple of str
-        Of the reference, without those that scatter.
+        Sessions of the reference, without those that were left out.
     structure : Structure
     belief : Belief
-        Of all training runs.
+        Parameters from all training runs.
     payload_prior : ndarray (10,)
         Prior precision of a body's parameters.
     scatter : ndarray (k,)
         Standard deviation of each of `wearscope.tracking.rows.scatter_columns` between healthy sessions.
     usual : ndarray (n,)
-        Mean square torque that the healthy session leaves in which it is largest, held out.
+        Held-out mean square residual of each joint, in the healthy session in which it is largest.
     tails : ndarray (n, k)
-        Noise of healthy sessions, of `wearscope.closed_loop.model.events.measure_tails`.
+        Noise of healthy sessions, from `wearscope.closed_loop.model.events.measure_tails`.
     reach : float
-        Of the arm [m].
+        Reach of the arm [m].
     centres : ndarray (n, 3)
         Centre of mass of each link in its frame [m].
     scattering : list of dict
-        Sessions that were left out: `session`, `joint`, `rms` of what it leaves of the others' prediction,
-        and what the `others` leave and do not know.
+        Sessions that were left out: `session`, `joint`, `rms` of its residual against the others' prediction,
+        and the same of the `others`, with the error of that prediction.
     robot : RobotModel
-        The healthy machine, as the simulator has it.
+        The healthy machine as a model that can be simulated.
     """
 
     sessions: tuple[str, ...]
@@ -96,7 +97,7 @@ class Reference:
         belief: Belief | None = None,
         of_temperature: bool = True,
     ) -> Evidence:
-        """Evidence of a session's rows, compared with the reference or with another belief of it."""
+        """Evidence of a session's rows, compared with the reference or with another belief."""
         return Evidence(
             self.structure, self.changes, belief or self.belief, self.payload_prior, made, self.scatter,
             of_temperature, level,
@@ -105,7 +106,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Healthy:
-    """A healthy session, held out: its rows, and what the others say of the machine."""
+    """A healthy session that is held out: its rows, and the belief from the other sessions."""
 
     name: str
     made: list[RunRows]
@@ -119,20 +120,20 @@ def identify_reference(
     effects: Sequence[str | Path] = (),
     allow_code: bool = False,
 ) -> tuple[Reference, list[Healthy]]:
-    """Identify the healthy machine; parameters as of `wearscope.closed_loop.diagnosis.diagnose`.
+    """Identify the healthy machine; for the parameters see `wearscope.closed_loop.diagnosis.diagnose`.
 
-    A healthy session that the others do not predict is left out and named, where three or more are.
+    Where there are three or more healthy sessions, one that the others do not predict is left out and named.
 
     Returns
     -------
     Reference
     list of Healthy
-        Each healthy session that counts; of one alone, each of its runs.
+        Each healthy session that counts; each run where there is only one session.
 
     Raises
     ------
     InputError
-        Where the reference's runs break the format or cannot be what they say.
+        Where the reference's runs break the format, or hold something else than they state.
     """
     scattering: list[dict[str, Any]] = []
     while True:
@@ -151,7 +152,7 @@ def identify_reference(
         sessions = replace(sessions, reference=rest)
     belief = fit_belief(structure, [r for r in made if r.run.use == "train"], prior)
     payload_prior = np.diag(payload_penalty(diagnosis.prepared))
-    # What a temperature that nobody recorded does is part of how healthy sessions differ.
+    # The influence of temperatures that were not recorded is part of the scatter of healthy sessions.
     rows = [[replace(r, unrecorded=r.unrecorded[..., :0]) for r in h.made] for h in healthy]
     plain = [Evidence(structure, (), h.belief, payload_prior, m) for h, m in zip(healthy, rows, strict=True)]
     scatter = measure_scatter(structure, plain, rows)
@@ -159,7 +160,7 @@ def identify_reference(
     origins = body.joint_origins(np.zeros((1, structure.n)))[0]
     parameters = body.inertial_parameters.reshape(-1, 10)
     centres = parameters[:, 1:4] / np.maximum(parameters[:, :1], 1e-9)
-    # A body may be as far beyond the last link's centre of mass as that is from the joint.
+    # A body may lie twice as far from the last joint as the last link's centre of mass.
     links = np.linalg.norm(np.diff(origins[1 : structure.n + 1], axis=0), axis=1)
     far = max(np.linalg.norm(origins[-1] - origins[-2]), 2.0 * np.linalg.norm(centres[-1]))
     reference = Reference(
@@ -179,16 +180,16 @@ def identify_reference(
 
 
 def leave_changes(evidence: Evidence, runs: Sequence[PreparedRun]) -> list[np.ndarray]:
-    """Residual (M, n) of each run without the part that depends on the machine's state."""
+    """Residual (M, n) of each run after all changes and all that depends on a joint's state are taken out."""
     ends = np.cumsum([len(run.t) for run in runs])[:-1]
     return take_out_state(runs, np.split(evidence.take_out(), ends))
 
 
 def find_scattering(structure: Structure, healthy: Sequence[Healthy]) -> dict[str, Any] | None:
-    """The healthy session that the others predict worst, where it is not one with them; of three or more.
+    """The healthy session that the others predict worst, if it does not belong with them; else None.
 
-    What is left counts without friction, a torque's factor and level, which may differ by temperature. What
-    the others do not know of the machine counts as theirs.
+    The test needs three sessions. Residuals are compared with friction and each torque's factor and level
+    free, since these differ by temperature. The error of the others' prediction is added to their residual.
     """
     if len({r.run.session for h in healthy for r in h.made}) < _FEWEST:
         return None
@@ -219,9 +220,9 @@ def find_scattering(structure: Structure, healthy: Sequence[Healthy]) -> dict[st
 def choose_terms(diagnosis: Diagnosis) -> Regression:
     """The closed loop's model with plain friction at every joint, without generic terms that do not help.
 
-    What changes may be friction that the loop did not need to name. A generic term may take the part of what
-    differs between sessions, temperature above all, which here has columns of its own: it is kept where
-    healthy sessions, held out, are predicted better with it.
+    Friction may change that the loop did not need to name. A generic term may explain differences between
+    sessions, most of all by temperature, for which tracking has columns. So it is kept only where held-out
+    healthy sessions are predicted better with it.
     """
     after, moving = diagnosis.after, np.flatnonzero(diagnosis.prepared.moving)
     added = []
@@ -239,7 +240,7 @@ def choose_terms(diagnosis: Diagnosis) -> Regression:
 
 
 def held_out_loss(diagnosis: Diagnosis, model: Regression) -> float:
-    """Sum of squared residuals of all healthy sessions, each held out, in the residual's scale."""
+    """Sum of squared residuals of all healthy sessions, each held out, over the residual's variance."""
     structure, made, prior = lay_out(diagnosis, model)
     total = 0.0
     for _, rest, own in split_healthy(made):
@@ -264,7 +265,10 @@ def lay_out(diagnosis: Diagnosis, model: Regression) -> tuple[Structure, list[Ru
 
 
 def split_healthy(rows: Sequence[RunRows]) -> list[tuple[str, list[RunRows], list[RunRows]]]:
-    """Name, training runs of the rest, own runs of each healthy session; of each run where there is one."""
+    """For each healthy session: its name, the others' training runs, its own runs.
+
+    Where there is only one session, each of its runs is taken as one.
+    """
 
     def split(by: Callable[[RunRows], str]) -> list[tuple[str, list[RunRows], list[RunRows]]]:
         found = []
@@ -279,7 +283,7 @@ def split_healthy(rows: Sequence[RunRows]) -> list[tuple[str, list[RunRows], lis
 
 
 def hold_structure(diagnosis: Diagnosis, model: Regression) -> Structure:
-    """The structure of a model that the closed loop found, its shapes and filters held."""
+    """The structure of a model that the closed loop found, with fixed shapes and filters."""
     prepared = diagnosis.prepared
     train = prepared.runs_for("train")
     warmth = np.concatenate([run.signals.temperature for run in train])
@@ -303,10 +307,11 @@ def hold_structure(diagnosis: Diagnosis, model: Regression) -> Structure:
 
 
 def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
-    """Sizes of the torques along the training runs; what autocorrelation adds to a block's sum of the noise.
+    """Sizes of the torques and of the noise along the training runs.
 
-    The latter is the largest of those of an offset, of Coulomb and of viscous friction. What healthy sessions
-    differ in is no noise: it has random effects of its own.
+    Autocorrelation makes sums of the noise over blocks larger. The noise is increased accordingly, by the
+    largest factor of the sums for an offset, Coulomb and viscous friction. Differences between healthy
+    sessions are no noise: they have random effects of their own.
     """
     train = [make_rows(structure, run) for run in diagnosis.prepared.runs_for("train")]
     size, count, left = np.zeros((3, structure.n)), np.zeros(structure.n), np.zeros(structure.n)
@@ -349,7 +354,7 @@ def leave_scatter(structure: Structure, made: Sequence[RunRows]) -> list[np.ndar
 
 
 def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray) -> Belief:
-    """Weights of the structure's columns from training runs, whose sessions' friction scatters.
+    """Weights of the structure's columns from training runs, with friction that scatters between sessions.
 
     Parameters
     ----------
@@ -379,9 +384,7 @@ def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray)
         hessian += x.T @ x
         score += x.T @ y
         parts.append((x, y, r.starts * structure.n))
-    scale = np.sqrt(np.diag(hessian))
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True)
-    inverse /= np.outer(scale, scale)
+    inverse = invert(hessian, 1e-13)
     mean = inverse @ score
     blocks = [np.add.reduceat(x * (y - x @ mean)[:, None], starts, axis=0) for x, y, starts in parts]
     every = np.concatenate(blocks)

@@ -1,4 +1,4 @@
-"""Runs as rows: torques, weights and regressors, at the common bandwidth."""
+"""Rows of runs at the common bandwidth: torques, weights and regressors."""
 
 from dataclasses import dataclass, replace
 
@@ -8,8 +8,8 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.effects.base import Signals
 from wearscope.tracking.structure import Structure
 
-#: Length of a block: so many periods of the common cut-off, as the filter correlates samples that are nearer,
-#: and at least so long [s].
+#: Length of a block in periods of the common cut-off, since the filter correlates nearer samples; its least
+#: length [s].
 _BLOCK_PERIODS, _SHORTEST = 4.0, 0.4
 #: Speed over which friction at low speed dies away, as a share of the joint's top speed.
 _SLOW = 0.05
@@ -17,19 +17,21 @@ _SLOW = 0.05
 
 @dataclass(eq=False)
 class RunRows:
-    """One run as rows: (M, n) rows of each joint, and regressors of them.
+    """Rows of one run, with their regressors.
 
     Attributes
     ----------
     run : PreparedRun
     signals : Signals
-        Along the run, with the healthy machine's torques.
+        Signals of the run, with the healthy machine's torques of motors and gears.
     target : ndarray (M, n)
         Measured torque less the known one.
     weights : ndarray (M, n)
-        Square root of each row's weight: zero where it does not count.
+        Square root of each row's weight; zero where it does not count.
     columns : ndarray (M, n, width)
+        Regressors of the structure.
     unrecorded : ndarray (M, n, u)
+        Regressors of temperatures that were not recorded.
     starts : ndarray (B,)
         First row of each block.
     """
@@ -62,7 +64,7 @@ def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
 
 
 def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
-    """The run as if its mean temperatures had kept within those of the reference."""
+    """The run with its temperatures shifted so that their means lie within the reference's range."""
     low, high = (
         np.where(np.isfinite(x), x, y) for x, y in zip(structure.warmth, (-np.inf, np.inf), strict=True)
     )

@@ -107,12 +107,12 @@ def track(
     folder : path-like
         Where ``tracking.json`` and ``changes.parquet`` are written.
     policy, progress, effects, allow_code
-        As of `wearscope.closed_loop.diagnosis.diagnose`.
+        See `wearscope.closed_loop.diagnosis.diagnose`.
     level : float
         False-alarm rate of a session, over all joints and changes.
     limit : float, optional
-        Rise of a joint's friction, as a share of the healthy one, until which the sessions left are told;
-        `FRICTION_LIMIT`, marked as assumed, where left out.
+        Limit of the rise of a joint's friction, as a share of the healthy friction; the number of sessions
+        until it is reached is estimated. `FRICTION_LIMIT`, marked as assumed, where left out.
 
     Returns
     -------
@@ -203,13 +203,13 @@ def tell_entry(
 
 
 def series_key(entry: dict[str, Any]) -> str:
-    """Key of the series of a change; friction of whatever form has one a joint."""
+    """Key of the series of a change; a joint has one series for friction of any form."""
     joint = entry["key"].partition("@")[2]
     return f"{FRICTION}@{joint}" if load_effect(entry["effect"]).is_friction else entry["key"]
 
 
 def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: float) -> list[dict[str, Any]]:
-    """Straight line through each joint's friction over the later sessions; slope as a share by session."""
+    """Trend of each joint's friction over the later sessions; slopes are shares of friction per session."""
     series = [collect_series(later, f"{FRICTION}@{j}") for j in range(len(joints))]
     trends = [fit_trend(values, errors, limit) for values, errors in series]
     return [
@@ -228,7 +228,7 @@ def list_trends(joints: Sequence[str], later: Sequence[dict[str, Any]], limit: f
 
 
 def tell_scatter(reference: Reference) -> list[str]:
-    """What a reader should know where the reference shows little of how healthy sessions differ."""
+    """Notes on sessions that were left out, and on a reference that shows no scatter between sessions."""
     said = [
         f"session {one['session']} of the reference is not one with the others and was left out: at "
         f"{one['joint']} it leaves {one['rms']:.3g} of their prediction, and they "

@@ -1,4 +1,4 @@
-"""The set of changes that a session shows: the best by one score, found by add, drop and swap."""
+"""Search for the set of changes that a session shows: changes are added, dropped and swapped by one score."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from wearscope.tracking.evidence import SURE, Evidence, Fit
 
 #: Largest number of steps of the search, and of changes that each step compares in full.
 _STEPS, _TRIED = 30, 8
-#: A joint is unexplained from this multiple of the healthy sessions' loss.
+#: A joint is unexplained where its mean square residual exceeds this multiple of the healthy sessions'.
 _FAR = 4.0
 #: Least RMS torque of a change: of friction as a share of the joint's friction, of anything else as a share
 #: of the joint's torque.
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
-#: p-value above which a change may be zero; tolerance of a body's place [standard errors].
+#: p-value above which a change may be zero; standard errors by which a body may lie beyond the arm's reach.
 _CHANCE, _SURE = 0.05, 2.0
 #: Two changes cancel where the RMS torque of their sum is below this share of the smaller change's.
 _CANCEL = 0.5
@@ -29,15 +29,15 @@ class Found:
     Attributes
     ----------
     fit : Fit
-        Of the best set.
+        Fit of the best set.
     named : tuple of Change
-        Changes of the set that stand.
+        Changes of the set that are reported.
     alike : dict of str to list of Change
-        What explains each change of the set as well, by its key.
+        By the key of a change of the set, others that explain the session as well in its place.
     cancelling : list of (Change, Change)
-        Pairs whose torques cancel: neither is told.
+        Pairs whose torques cancel; neither is reported.
     unexplained : dict of int to float
-        Loss over that of healthy sessions, by joint.
+        By unexplained joint, its mean square residual over that of healthy sessions.
     """
 
     fit: Fit
@@ -54,16 +54,16 @@ def find_changes(evidence: Evidence, usual: np.ndarray, reach: float) -> Found:
     ----------
     evidence : Evidence
     usual : ndarray (n,)
-        Loss of healthy sessions.
+        Mean square residual of healthy sessions.
     reach : float
-        Of the arm [m].
+        Reach of the arm [m].
     """
     search = _Search(evidence, reach)
     best = search.climb()
     moving = evidence.structure.moving
     for _ in range(2):
-        # Unexplained torque counts as autocorrelated noise: it must not distort the healthy machine's
-        # parameters.
+        # Unexplained torque is treated as autocorrelated noise, so that it does not distort the healthy
+        # machine's parameters.
         variance = evidence.structure.scales.noise**2
         for j in moving:
             if best.held[j] > _FAR * usual[j]:
@@ -95,20 +95,20 @@ def _cancel(evidence: Evidence, fit: Fit, a: Change, b: Change) -> bool:
 def _is_doubtful(
     evidence: Evidence, fit: Fit, change: Change, usual: np.ndarray, unexplained: dict[int, float]
 ) -> bool:
-    """Whether a change matters most where the session is unexplained, and explains less than is left."""
+    """Whether a change matters most at an unexplained joint, and explains less there than is left."""
     less = evidence.fit([other for other in fit.changes if other is not change])
     j = int(np.argmax((less.held - fit.held) / usual))
     return j in unexplained and less.held[j] < 2.0 * fit.held[j]
 
 
 class _Search:
-    """Moves over the sets of changes of one session."""
+    """Moves between sets of changes of one session."""
 
     def __init__(self, evidence: Evidence, reach: float):
         self.evidence, self.reach = evidence, reach
 
     def is_allowed(self, fit: Fit) -> bool:
-        """Whether each change is the only one of its kind at its joint, significant, large and possible."""
+        """Whether every change is the only one of its kind at its joint, significant, large and possible."""
         return len({(c.kind, c.joint) for c in fit.changes}) == len(fit.changes) and all(
             self._is_possible(fit, change) for change in fit.changes
         )
@@ -132,7 +132,7 @@ class _Search:
         return all(x > low for x, low in zip(value, lower, strict=True) if -np.inf < low < 0.0)
 
     def best(self, base: Sequence[Change], over: Fit) -> tuple[Fit | None, float]:
-        """The best set of `base` and one more change against `over`."""
+        """The best set of `base` and one more change, and its log odds over `over`; None if none gains."""
         able = [change for change in self.evidence.changes if change not in base]
         ranked = self.evidence.rank(base, able)[:_TRIED]
         tried = [self.evidence.fit([*base, change]) for change in ranked]
@@ -148,7 +148,7 @@ class _Search:
         return king, self.evidence.compare(over, king)
 
     def climb(self) -> Fit:
-        """The best set that no move makes better."""
+        """The set of a greedy search that no further move improves."""
         evidence, fit = self.evidence, self.evidence.fit(())
         for _ in range(_STEPS):
             fewer = [evidence.fit([c for c in fit.changes if c is not gone]) for gone in fit.changes]

@@ -1,6 +1,6 @@
-"""One session against the reference: what changed in it, and what cannot be told.
+"""Comparison of one session with the reference: what changed in it, and what the session does not show.
 
-A body that was added to a link, or taken from it, has a mass and a place.
+A change may be a body that was added to a link or taken from it. Its mass and place are then estimated.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.events import Event, find_events, leave_out
 from wearscope.robots.spatial import Inertia
 from wearscope.tracking.changes import BODY, FRICTION, Change
-from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit
+from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit, invert
 from wearscope.tracking.reference import Reference, leave_changes
 from wearscope.tracking.rows import hold_temperatures, make_rows
 from wearscope.tracking.search import Found, find_changes
@@ -27,28 +27,29 @@ from wearscope.tracking.worn import Worn, identify_wear
 WIDTH = 2.0
 #: A temperature counts as within the reference's range up to this many kelvin beyond it.
 _BEYOND = 1.0
-#: A joint is reported as hidden by its temperature where a change of friction by the first share cannot be
-#: seen, and one by the second share could be seen if the temperature's part were known.
+#: Temperature hides a joint's friction where only changes above the first share would show, while changes
+#: below the second share would show if the influence of the temperature were known.
 _HIDDEN, _SEEN = 0.3, 0.15
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """Changes that a session shows, and those that it cannot tell.
+    """Changes that a session shows, and what it cannot show.
 
     Attributes
     ----------
     session : str
     named : list of Change
     fit : Fit
-        Of what is named.
+        Fit of the named changes.
     found : Found
-        With what else was weighed.
+        Result of the search, with the alternatives.
     evidence : Evidence
     felt : Evidence
-        As if all temperatures were those of the reference: friction with what a temperature did to it.
+        Evidence with all temperatures held within the reference's, so that friction includes the influence
+        of other temperatures.
     cannot_tell : list of str
-        Sentences on what cannot be told.
+        Sentences on what the session cannot show.
     smallest : dict of str to dict
         By joint, the smallest change that the session would show: `friction` as a share of it, and `mass`
         [kg] on the link that the joint moves, at its centre of mass.
@@ -75,12 +76,12 @@ class Assessment:
 def assess_session(
     sessions: Sessions, session: str, reference: Reference, level: float = FALSE_ALARM_RATE
 ) -> Assessment:
-    """Read a session and say what changed since the reference.
+    """Read a session and find what changed since the reference.
 
     Raises
     ------
     InputError
-        Where its runs break the format or cannot be what they say.
+        Where its runs break the format, or a channel is broken beyond correction.
     """
     runs, notes = prepare_runs(read_session(sessions, session), reference.structure.frame)
     return assess_runs(session, runs, reference, notes, level)
@@ -90,7 +91,7 @@ def assess_runs(
     session: str, runs: Sequence[PreparedRun], reference: Reference, notes: Sequence[str] = (),
     level: float = FALSE_ALARM_RATE,
 ) -> Assessment:  # fmt: skip
-    """Assess a session's runs, which were prepared in the reference's frame."""
+    """Find what changed in a session's runs, which were prepared with the reference's `Frame`."""
     structure = reference.structure
     events = find_session_events(reference, runs)
     runs = leave_out(runs, events, structure.joints)
@@ -132,7 +133,7 @@ def assess_runs(
 
 
 def is_temperature_open(structure: Structure, runs: Sequence[PreparedRun]) -> bool:
-    """Whether a joint's temperature is not recorded, or beyond those of the reference."""
+    """Whether a moving joint's temperature is unknown, or outside of the reference's range."""
     for j in structure.moving:
         warmth = np.concatenate([run.signals.temperature[:, j] for run in runs])
         low, high = structure.warmth[:, j] + np.array([-_BEYOND, _BEYOND])
@@ -142,7 +143,7 @@ def is_temperature_open(structure: Structure, runs: Sequence[PreparedRun]) -> bo
 
 
 def tell_size(evidence: Evidence, fit: Fit, change: Change) -> str:
-    """Change of a joint's friction in per cent of it, with its 95 % interval."""
+    """Words for a change of a joint's friction in per cent, with its 95 % interval."""
     share, error = measure_share(evidence, fit, change)
     ends = [100 * (share - WIDTH * error), 100 * (share + WIDTH * error)]
     said = f"{100 * share:+.0f} % ({ends[0]:+.0f} to {ends[1]:+.0f} %)"
@@ -150,9 +151,10 @@ def tell_size(evidence: Evidence, fit: Fit, change: Change) -> str:
 
 
 def measure_share(evidence: Evidence, fit: Fit, change: Change) -> tuple[float, float]:
-    """RMS torque of a change as a share of its joint's friction or torque, signed, and its standard error.
+    """Signed RMS torque of a change as a share of its joint's friction or torque, and its standard error.
 
-    Positive where the change takes power along the motion. Noise makes any RMS larger: its part is taken out.
+    It is positive where the change dissipates power along the motion. Noise makes any RMS larger; its part is
+    subtracted.
     """
     structure, j = evidence.structure, change.joint
     friction = any(term.effect.is_friction for term in change.terms)
@@ -172,9 +174,9 @@ def measure_share(evidence: Evidence, fit: Fit, change: Change) -> tuple[float, 
 def find_smallest(
     evidence: Evidence, changes: Sequence[Change], reference: Reference
 ) -> dict[str, dict[str, float]]:
-    """By joint, the smallest change of friction (a share of it) and mass [kg] on its link that would show.
+    """By joint, the smallest change of friction (as a share) and mass [kg] on its link that would show.
 
-    Next to the changes that the session shows.
+    It comes in addition to the changes that the session shows.
     """
     structure, fit, found = reference.structure, evidence.fit(changes), {}
     for j, joint in enumerate(structure.joints):
@@ -209,7 +211,7 @@ def tell_unknown(found: Found, structure: Structure) -> list[str]:
 
 
 def find_session_events(reference: Reference, runs: Sequence[PreparedRun]) -> list[Event]:
-    """Short events in what no change explains, by the noise and tail of healthy sessions."""
+    """Short events in the residual of all changes, judged by the noise and tail of healthy sessions."""
     structure = reference.structure
     left = leave_changes(reference.weigh([make_rows(structure, run) for run in runs]), runs)
     frame = structure.frame
@@ -250,7 +252,7 @@ def describe_temperatures(structure: Structure, runs: Sequence[PreparedRun], joi
 
 
 def list_entries(assessment: Assessment, reference: Reference) -> list[dict[str, Any]]:
-    """Entries of `tracking.json` for what a session shows, without `since`; a parameter each.
+    """Entries of `tracking.json` for the changes of a session, one per parameter, without `since`.
 
     A parameter whose interval holds zero is left out if another parameter of the same change is significant.
     A body is described by its mass in kg, as a point, and by its moments.
@@ -303,13 +305,13 @@ def weigh_change(assessment: Assessment, reference: Reference, change: Change) -
     )[:3]
 
 
-#: Masses that are tried, as multiples of the least one that its moment allows, and steps a decade.
+#: Largest mass that is tried, as a multiple of the least one that its moment allows; steps per decade.
 _MOST, _STEPS = 1e3, 24
 #: Usual radius of a body about its own centre, as a share of the arm's reach.
 _OWN = 0.05
 #: Usual mass of a body, as a multiple of the prior standard deviation of a link's mass.
 _HEAVY = 3.0
-#: Rise of the misfit at the ends of a 95 % interval of one parameter.
+#: Rise of the misfit (chi-square) at the ends of a 95 % interval of one parameter.
 _RISE = 3.84
 
 
@@ -326,17 +328,17 @@ def weigh_point(
 ) -> tuple[float, float, float, np.ndarray]:
     """Mass of a body with its 95 % interval, and its place.
 
-    The interval is that of the profile likelihood: place and own radius are fitted for each mass, the one
-    within the arm's reach, the other within a share of it.
+    The interval is that of the profile likelihood: for each mass, the place and the body's own radius are
+    fitted, the place within about the arm's reach, the radius within a share of it.
 
     Parameters
     ----------
     value, covariance : ndarray (10,), (10, 10)
         Inertial parameters of a body that was fitted with the prior.
     prior : ndarray (10,)
-        Prior precision of the parameters, which is taken out.
+        Prior precision of that fit, which is taken out again.
     reach : float
-        [m]
+        Reach of the arm [m].
 
     Returns
     -------
@@ -345,9 +347,7 @@ def weigh_point(
     place : ndarray (3,)
         In the link's frame [m].
     """
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    precision = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-9, hermitian=True)
-    precision /= np.outer(scale, scale)
+    precision = invert(covariance)
     goal = precision @ value
     size, vector = np.linalg.eigh(precision - np.diag(prior))
     keep = size > 1e-6 * size.max()
@@ -356,7 +356,7 @@ def weigh_point(
     moment = float(np.linalg.norm(value[1:4]))
     least = max(moment / reach, 0.02 * abs(value[0]), 1e-9)
     masses = least * np.geomspace(0.5, _MOST, int(_STEPS * np.log10(2.0 * _MOST)))
-    # Nobody adds much more than the heaviest link weighs: that decides where the motion does not.
+    # A usual body weighs no more than the heaviest link; this decides where the motion does not.
     usual = np.sqrt(prior[0]) / _HEAVY
     found = []
     for sign in (1.0, -1.0):

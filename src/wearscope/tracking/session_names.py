@@ -28,7 +28,7 @@ class Sessions:
     later : tuple of str
         All others.
     order : tuple of str
-        Both, in order.
+        All sessions in the order of their recording.
     notes : tuple of str
     """
 
@@ -50,7 +50,7 @@ def read_moment(session: str) -> datetime | None:
 
 
 def sort_sessions(sessions: Sequence[str]) -> list[str]:
-    """By date where every label is one, else in the order given."""
+    """Sessions by date where every label is a date, else in the order given."""
     moments = {session: read_moment(session) for session in sessions}
     known = {session: moment for session, moment in moments.items() if moment is not None}
     return sorted(sessions, key=known.__getitem__) if len(known) == len(moments) else list(sessions)
@@ -94,15 +94,15 @@ def read_sessions(dataset: str | Path) -> Sessions:
 
 @dataclass(frozen=True)
 class Tracked:
-    """Sessions as the workflow asks for them.
+    """Sessions as the workflow needs them.
 
     Attributes
     ----------
     reference : tuple of str
     named : mapping of str to str
-        Later session by the name of its file.
+        Later sessions by the name of their file.
     refusal : str
-        Why nothing can be tracked; empty where it can.
+        Why the data set cannot be tracked; empty where it can.
     """
 
     reference: tuple[str, ...]
@@ -111,7 +111,7 @@ class Tracked:
 
 
 def name_sessions(dataset: str | Path) -> Tracked:
-    """Sessions of a data set, the later ones by a file name of their own; or why there are none to track."""
+    """Sessions of a data set, the later ones by the name of their file; or why it cannot be tracked."""
     try:
         sessions = read_sessions(dataset)
     except InputError as error:
@@ -120,7 +120,7 @@ def name_sessions(dataset: str | Path) -> Tracked:
 
 
 def file_name(session: str) -> str:
-    """Name of a session's file: its label as far as that is plain, else with a digest of it."""
+    """Name of a session's file: its label, or its plain characters with a digest of the label."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", session).strip("-.")[:60]
     if plain == session:
         return plain

@@ -1,8 +1,6 @@
-"""Recordings of a data set's sessions, made ready as those of the reference; nothing is chosen from them."""
+"""Recordings of sessions, prepared with the filters and widths that were chosen on the reference."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +11,7 @@ from wearscope.closed_loop.intake.filtering import Band, choose_factor
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.preprocessing import bridge_gaps, finish_run, leave_out_short, make_rough
-from wearscope.closed_loop.intake.sources import RESTS, MovingJoints, clean_runs
+from wearscope.closed_loop.intake.sources import RESTS, MovingJoints, clean_runs, widest_reach
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
@@ -22,7 +20,7 @@ from wearscope.tracking.session_names import Sessions
 
 @dataclass(frozen=True)
 class Frame:
-    """What the preparation chose on the reference.
+    """Robot, filters and reversals that the preparation chose on the reference.
 
     Attributes
     ----------
@@ -46,19 +44,19 @@ class Frame:
     @classmethod
     def of(cls, prepared: Prepared) -> "Frame":
         """Frame of a prepared data set."""
-        reach = np.max([record.reach for record in prepared.dataset.runs], axis=0)
         return cls(
-            prepared.urdf, prepared.band, prepared.moving, prepared.top_speed, prepared.reversals, reach
-        )
+            prepared.urdf, prepared.band, prepared.moving, prepared.top_speed, prepared.reversals,
+            widest_reach(prepared.dataset),
+        )  # fmt: skip
 
 
 def prepare_runs(dataset: Dataset, frame: Frame) -> tuple[list[PreparedRun], list[str]]:
-    """Runs of a data set in a frame, and notes; those in which the machine stands still are left out.
+    """Runs of a data set prepared with a frame, and notes; runs without motion are left out.
 
     Parameters
     ----------
     dataset : Dataset
-        Of these runs only; all of them have the use ``train``.
+        Data set of these runs only; all of them have the use ``train``.
     frame : Frame
 
     Raises
@@ -88,12 +86,12 @@ def prepare_runs(dataset: Dataset, frame: Frame) -> tuple[list[PreparedRun], lis
 
 
 def check_sessions(sessions: Sessions) -> None:
-    """Refuse sessions that tracking would refuse after the healthy machine is identified.
+    """Refuse sessions that tracking would refuse only after the healthy machine is identified.
 
     Raises
     ------
     InputError
-        Where the reference cannot be what it says, or the robot stands still in a later session.
+        Where the reference's columns hold something else than stated, or a later session has no motion.
     """
     prepared = prepare_thinned(read_reference(sessions))
     check_plausibility(prepared)
@@ -101,20 +99,16 @@ def check_sessions(sessions: Sessions) -> None:
         prepare_runs(read_session(sessions, session), Frame.of(prepared))
 
 
-def _read(folder: Path, choose: Callable[[DatasetFields], list[RunFields]]) -> Dataset:
-    return read_dataset(folder, find_prismatic, choose)
-
-
 def read_reference(sessions: Sessions) -> Dataset:
-    """The reference's runs; where none is a test run, the last training run is scored as one too.
+    """The reference's runs; where none is a test run, the last training run is used as one too.
 
-    A structure that is fixed needs no verdict from the test runs; the closed loop asks for one all the same.
+    Tracking needs no verdict from test runs, but the closed loop requires one.
     """
 
     def choose(fields: DatasetFields) -> list[RunFields]:
         return [run for run in fields.runs if run.session in sessions.reference]
 
-    dataset = _read(sessions.folder, choose)
+    dataset = read_dataset(sessions.folder, find_prismatic, choose)
     if not dataset.runs_for("test"):
         last = dataset.runs_for("train")[-1]
         dataset.runs.append(replace(last, use="test", load=lambda: replace(last.load(), use="test")))
@@ -122,10 +116,10 @@ def read_reference(sessions: Sessions) -> Dataset:
 
 
 def read_session(sessions: Sessions, session: str) -> Dataset:
-    """Runs of one session, whatever their use: what is tracked is only ever compared with the reference."""
+    """Runs of one session, all as training runs, since they are only compared with the reference."""
 
     def choose(fields: DatasetFields) -> list[RunFields]:
         own = [run for run in fields.runs if run.session == session]
         return [run.model_copy(update={"use": "train"}) for run in own]
 
-    return _read(sessions.folder, choose)
+    return read_dataset(sessions.folder, find_prismatic, choose)

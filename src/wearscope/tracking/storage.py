@@ -1,4 +1,4 @@
-"""The reference in one file, so that a session needs no new identification: numbers and names, no code."""
+"""The reference in one file of numbers and names without code, so that it is identified only once."""
 
 import io
 import json
@@ -26,7 +26,10 @@ _REFERENCE = ("payload_prior", "scatter", "usual", "tails", "centres")
 
 
 def save_reference(path: str | Path, reference: Reference, healthy: Sequence[Mapping[str, Any]] = ()) -> None:
-    """Write a reference with the records of its sessions whole or not at all; equal ones give equal bytes."""
+    """Write a reference with the records of its sessions, whole or not at all.
+
+    Equal references give equal bytes.
+    """
     structure = reference.structure
     frame = structure.frame
     words = {
@@ -72,7 +75,7 @@ def load_reference(
     ----------
     path : path-like
     own : collection of str
-        Files of own effects that may run.
+        Effect files that may run.
     allow_code : bool
         Whether any effect file that the reference names may run.
 

@@ -1,10 +1,9 @@
-"""The reference's fixed structure: its terms along any run, and how temperature may change them.
+"""The reference's fixed structure: its terms along any run, and how temperature may change friction.
 
-What a joint's friction gains from one temperature to another is a Gaussian process with the squared
-exponential kernel, written in its features about the reference's mean temperature (Rasmussen and Williams
-2006, sec. 4.3). Where the reference shows temperatures, its runs determine the function there and a little
-beyond; where it shows none, the prior is all that is known, and a change of friction cannot be told from one
-of temperature.
+The change of a joint's friction with temperature is a Gaussian process with the squared exponential kernel,
+written in features about the reference's mean temperature (Rasmussen and Williams 2006, sec. 4.3). At the
+temperatures of the reference and a little beyond, its runs determine this function. Elsewhere only the prior
+is known, and a change of friction cannot be told from one of temperature.
 """
 
 import math
@@ -23,29 +22,25 @@ from wearscope.tracking.session_runs import Frame
 if TYPE_CHECKING:
     from wearscope.closed_loop.model.regression import Regression
 
-#: Temperature [K] over which friction changes its slope: viscosities fall by e in 16 to 40 K.
+#: Temperature difference [K] over which friction changes its slope: viscosities fall by e in 16 to 40 K.
 LENGTH = 25.0
 #: Prior standard deviation of the slope, as a share of the joint's friction [1/K].
 SLOPE = 0.03
-#: Standard deviation [K] of a temperature that nobody recorded.
+#: Standard deviation [K] of a temperature that was not recorded.
 UNRECORDED = 10.0
-#: Number of features: higher orders are negligible within two lengths of the mean.
-_ORDERS = 8
-
-
-def count_features() -> int:
-    """Number of features of one function of temperature."""
-    return _ORDERS
+#: Number of features of a function of temperature: higher orders are negligible within two lengths of the
+#: mean.
+FEATURES = 8
 
 
 def temperature_features(temperature: np.ndarray, mean: float) -> np.ndarray:
     """Features (N, k) of a temperature (N,) [deg C], zero at `mean`, whose weights are standard normal.
 
-    Their sum with such weights is the change of friction, as a share of it.
+    Their weighted sum is the change of friction, as a share of the joint's friction.
     """
     x = (temperature - mean) / LENGTH
     bell = np.exp(-0.5 * x**2)
-    powers = [bell * x**p / math.sqrt(math.factorial(p)) for p in range(1, _ORDERS)]
+    powers = [bell * x**p / math.sqrt(math.factorial(p)) for p in range(1, FEATURES)]
     return SLOPE * LENGTH * np.column_stack([bell - 1.0, *powers])
 
 
@@ -62,7 +57,7 @@ class Scales:
     speed : ndarray
         RMS speed.
     noise : ndarray
-        Standard deviation of what is left, as it counts for the sum of a block: autocorrelated noise more.
+        Standard deviation of the residual, increased by its autocorrelation as for a sum over a block.
     """
 
     friction: np.ndarray
@@ -73,7 +68,7 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Estimates of the structure's columns from the reference's runs, with their uncertainty.
+    """Weights of the structure's columns, estimated from runs of the reference, with their uncertainty.
 
     Attributes
     ----------
@@ -96,13 +91,14 @@ class Structure:
     frame : Frame
     entries : tuple of ModelTerm
     theta : ndarray (P,)
-        Parameters that set the torques on which errors of the measurement and deflections of gears act.
+        Parameters for the motors' and the gears' torques, on which errors of the measurement and deflections
+        of gears act.
     inertial : bool
         Whether deviations of the inertial parameters come first among the columns.
     temperature : ndarray (n,)
         Mean temperature of each joint in the reference [deg C]; NaN where it was not recorded.
     warmth : ndarray (2, n)
-        Lowest and highest temperature in the reference.
+        Lowest and highest temperature in the reference [deg C].
     scales : Scales
     """
 
@@ -137,7 +133,7 @@ class Structure:
 
     @property
     def prepared(self) -> "Structure":
-        """Itself: the closed loop's predictions read the number of joints from a `prepared` data set."""
+        """The structure itself: functions of the closed loop read the number of joints from `prepared`."""
         return self
 
     @property
@@ -147,18 +143,18 @@ class Structure:
 
     @property
     def count(self) -> int:
-        """Parameters of the terms."""
+        """Number of parameters of the terms."""
         return len(self.theta)
 
     @property
     def of_temperature(self) -> np.ndarray:
-        """Which columns (P,) are features of the temperature."""
+        """Mask (P,) of the columns that are features of the temperature."""
         return np.arange(self.width) >= self.count
 
     @property
     def width(self) -> int:
-        """Columns: parameters, then the weights of the temperature's features by joint."""
-        return self.count + 2 * count_features() * len(self.thermal)
+        """Number of columns: those of the parameters, then those of each joint's temperature features."""
+        return self.count + 2 * FEATURES * len(self.thermal)
 
     def operate(self, run: PreparedRun) -> Signals:
         """Signals of a run with the load, the motors' and the gears' torque of the healthy machine."""
@@ -170,7 +166,7 @@ class Structure:
         return replace(signals, torque=motor, lag=find_lags(model, self.theta))
 
     def friction_column(self, signals: Signals, joint: int, viscous: bool) -> np.ndarray:
-        """Torque (N,) of Coulomb or viscous friction whose RMS is that of all the joint's friction."""
+        """Torque (N,) of Coulomb or viscous friction, scaled to the RMS of the joint's whole friction."""
         if viscous:
             size = self.scales.friction[joint] / self.scales.speed[joint]
             return np.asarray(size * signals.v[:, joint])
@@ -200,7 +196,7 @@ class Structure:
         return np.concatenate(parts, axis=2)
 
     def unrecorded_columns(self, signals: Signals) -> np.ndarray:
-        """Regressors (N, n, u) of temperatures not recorded, with standard normal weights."""
+        """Regressors (N, n, u) of temperatures that were not recorded; their weights are standard normal."""
         parts = [np.zeros((len(signals.t), self.n, 0))]
         for j in range(self.n):
             if not self.frame.moving[j]:

@@ -1,4 +1,4 @@
-"""The tracked machine as a model that can wear: temperature and wear as its sessions show them."""
+"""The tracked machine as a model that can be simulated, with the temperature and wear of its sessions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,13 +13,13 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.effects.base import load_effect
 from wearscope.effects.vocabulary import thermal_friction
 from wearscope.robots.model import RobotModel
-from wearscope.tracking.structure import Belief, Structure, count_features, temperature_features
+from wearscope.tracking.structure import FEATURES, Belief, Structure, temperature_features
 
 #: Stage in the name of the model's file, ``model_tracked.yaml``.
 STAGE = "tracked"
-#: p-value at which healthy sessions show a dependence on temperature. Otherwise the dependence is known to be
-#: small where the effect of a change by `_KELVIN` has a 95 % interval of at most this half width, as a share
-#: of friction.
+#: Friction depends on temperature where healthy sessions show it at this p-value. It is also modelled where
+#: it is known well: a change by the second number [K] changes friction with a 95 % interval of at most the
+#: third number (half width, as a share of friction).
 _SHOWN, _KELVIN, _NARROW = 0.01, 10.0, 0.05
 #: Smallest span of temperatures [K] from which a slope is taken.
 _LEAST_SPAN = 2.0
@@ -28,14 +28,14 @@ _LEAST_SPAN = 2.0
 def make_healthy_model(
     diagnosis: Diagnosis, model: Regression, structure: Structure, belief: Belief
 ) -> RobotModel:
-    """Healthy machine, with the dependence on temperature where its sessions show it.
+    """Model of the healthy machine, with friction by temperature where its sessions show that.
 
     Parameters
     ----------
     diagnosis : Diagnosis
-        Of the reference.
+        Diagnosis of the reference.
     model : Regression
-        With the terms that are held.
+        Model with the terms of the structure.
     structure : Structure
     belief : Belief
     """
@@ -45,12 +45,12 @@ def make_healthy_model(
 
 
 def list_thermal(structure: Structure, belief: Belief, robot: RobotModel) -> list[dict[str, Any]]:
-    """Entries of friction's dependence on temperature at joints whose sessions show it.
+    """Effects of a model file for friction's dependence on temperature, at joints whose sessions show it.
 
-    The function of temperature that the reference determines is replaced by its straight line over the
-    temperatures seen; a joint whose model has such a dependence keeps it.
+    The function of temperature that the reference determines is replaced by a straight line over the
+    temperatures seen. A joint whose model already has such a dependence keeps it.
     """
-    effect, k = thermal_friction(), count_features()
+    effect, k = thermal_friction(), FEATURES
     entries = []
     for place, j in enumerate(structure.thermal):
         name = structure.joints[j]
@@ -90,13 +90,13 @@ def list_thermal(structure: Structure, belief: Belief, robot: RobotModel) -> lis
 
 
 def make_tracked_model(healthy: RobotModel, worn: Sequence[Mapping[str, Any]]) -> RobotModel:
-    """Model of the machine that wears as its sessions showed.
+    """Model of the machine with the wear that its sessions showed.
 
     Parameters
     ----------
     healthy : RobotModel
     worn : sequence of mapping
-        Of ``wear`` in ``tracking.json``; of several of a joint the last one counts.
+        Entries of ``wear`` in ``tracking.json``; a joint's last entry counts.
     """
     last = {one["joint"]: one for one in worn}
     entries = [

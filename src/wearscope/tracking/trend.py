@@ -1,4 +1,4 @@
-"""Changes over the sessions: since when they count, and how fast they grow."""
+"""Changes over the sessions: from which session on they show, and how fast they grow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ class Trend:
     Attributes
     ----------
     slope : float
-        By session.
+        Slope per session.
     low, high : float
-        95 % interval.
+        95 % interval of the slope.
     p_value : float
-        Of no slope.
+        p-value of the hypothesis that the slope is zero.
     left : tuple of float
-        Sessions after the last one until the line is at a limit, with the ends of their 95 % interval
-        (Fieller 1954, J. R. Stat. Soc. B 16); NaN where the line does not surely rise.
+        Number of sessions after the last one until the line reaches a limit, with the ends of its 95 %
+        interval (Fieller 1954, J. R. Stat. Soc. B 16); NaN where the line does not surely rise.
     """
 
     slope: float
@@ -41,18 +41,21 @@ class Trend:
 
 
 def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Segment (S,) of each session between change points of a level (Jackson et al. 2005, IEEE SPL 12).
+    """Number (S,) of each session's segment; segments lie between change points of the level.
+
+    The change points are optimal for a penalised sum of squares (Jackson et al. 2005, IEEE SPL 12).
 
     Parameters
     ----------
     values, errors : ndarray (S,)
-        Estimates and their standard errors; NaN where a session shows none, which belongs to the one before.
+        Estimates and their standard errors. A session without (NaN) belongs to the segment of the one before.
     """
     known = np.isfinite(values) & np.isfinite(errors)
     segment = np.zeros(len(values), dtype=int)
     if known.sum() < 2:
         return segment
-    # In units of the median standard error; less certain sessions have less weight.
+    # Estimates are scaled by their standard errors, so that less certain sessions have less weight; the
+    # median error is the least that counts.
     signal = values[known] / np.maximum(errors[known], np.median(errors[known]))
     signal -= signal.mean()
     penalty = _PENALTY * np.log(len(signal))
@@ -73,20 +76,21 @@ def find_segments(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
 
 
 def leave_healthy(segments: np.ndarray, healthy: int) -> list[int]:
-    """Segments of the sessions after the `healthy` ones; one on the healthy level is its own segment.
+    """Segments of the later sessions; a session on the healthy level is a segment of its own.
 
     Parameters
     ----------
     segments : ndarray (S,)
-        Of all sessions, healthy ones first.
+        Segments of all sessions, healthy ones first.
     healthy : int
+        Number of healthy sessions.
     """
     level = segments[healthy - 1] if healthy else -1
     return [-2 - k if s == level else int(s) for k, s in enumerate(segments[healthy:])]
 
 
 def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) -> int:
-    """First session from which a change that counts in `session` does.
+    """Index of the first session from which a change counts that counts in `session`.
 
     Parameters
     ----------
@@ -103,7 +107,7 @@ def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) 
 
 
 def fit_trend(values: np.ndarray, errors: np.ndarray, limit: float) -> Trend | None:
-    """Straight line through estimates (S,) with standard errors (S,); None of fewer than four sessions."""
+    """Straight line through estimates (S,) with standard errors (S,); None for fewer than four sessions."""
     known = np.isfinite(values) & np.isfinite(errors) & (errors > 0)
     if known.sum() < _LEAST_SESSIONS:
         return None

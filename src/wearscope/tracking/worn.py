@@ -1,9 +1,9 @@
-"""What wear adds to a joint's friction, in the form that the simulator has, from the session that shows it.
+"""Wear of a joint's friction from the session that shows it, in the form that the simulator has.
 
-A wear level counts in percent of the healthy joint's friction: at 20 the RMS torque of worn friction along
-the session's motion is a fifth of that of the healthy friction along the reference's. What the form of
-eq. (17) adds at that level is the session's change: a bump at low speed and a slope, the bump's width
-searched over a grid, each width as likely as its fit.
+A wear level is in percent of the healthy joint's friction. At 20, the RMS torque that wear adds along the
+session's motion is a fifth of the RMS of the healthy friction along the reference's motion. Eq. (17) gives
+the form of that torque: a bump at low speed and a slope. The bump's width is searched over a grid, and each
+width is weighted by its likelihood.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from wearscope.tracking.rows import RunRows
 WIDTHS = np.geomspace(0.01, 1.0, 16)
 #: Number of draws for an interval, and their seed.
 _DRAWS, _SEED = 4000, 17
-#: Wear level at which the worn friction is as large as the healthy one.
+#: Wear level at which the torque that wear adds is as large as the healthy friction.
 WHOLE = 100.0
 
 
@@ -35,11 +35,11 @@ class Worn:
     ----------
     joint : int
     level : float
-        Of wear in this session, in percent of the healthy friction.
+        Wear level in this session, in percent of the healthy friction.
     values : mapping of str to float
         Parameters of the effect.
     intervals : mapping of str to (float, float)
-        95 % intervals of those that were estimated.
+        95 % intervals of the parameters that were estimated.
     """
 
     joint: int
@@ -55,9 +55,9 @@ def identify_wear(reference: Reference, rows: Sequence[RunRows], named: Sequence
     ----------
     reference : Reference
     rows : sequence of RunRows
-        Of the session's runs.
+        Rows of the session's runs.
     named : sequence of Change
-        What changed in it.
+        Changes that the session shows.
     """
     worn = [
         fit_wear(reference, rows, change.joint, [other for other in named if other is not change])
@@ -85,7 +85,7 @@ def fit_wear(
     fits = [evidence.fit([*given, change]) for change in tried]
     misfit = [fit.strain + 0.5 * float(evidence.count @ (fit.fitted / evidence.variance)) for fit in fits]
     best = int(np.argmin(misfit))
-    # Each column has the sign of the motion, so the sum of the columns' sizes tells whether friction grew.
+    # Each column has the sign of the motion, so friction grew where their weighted sizes have a positive sum.
     z, value = evidence.z[:, joint, evidence.at[tried[best].key]], fits[best].values[tried[best].key]
     if float(np.sqrt((z**2).sum(axis=0)) @ value) <= 0.0:
         return None
@@ -115,7 +115,7 @@ def fit_wear(
 
 
 def record_worn(worn: Sequence[Worn], reference: Reference) -> list[dict[str, Any]]:
-    """Entries of ``tracking.json``."""
+    """Entries of ``wear`` in ``tracking.json``."""
     structure, effect = reference.structure, worn_effect()
     known = {p.name: p for p in effect.parameters}
     units = list(zip(structure.position_unit, structure.torque_unit, strict=True))
