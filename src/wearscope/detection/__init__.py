@@ -1,1 +1,1 @@
-"""The study's detectors on recordings: fitted on nominal ones, asked of others of the same motion."""
+"""The study's detectors on recordings: fitted to nominal ones, then applied to others of the same motion."""

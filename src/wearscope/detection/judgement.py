@@ -1,4 +1,4 @@
-"""Tables of a detection: thresholds by cell, recordings judged, simulated runs."""
+"""Tables of a detection: thresholds by joint and detector, judged recordings, simulated runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,35 +23,34 @@ from wearscope.detection.thresholds import (
 )
 from wearscope.storage import tables
 
-#: What a recording is found to be.
+#: Verdicts on a recording.
 ALARM, QUIET, UNCHECKED, WITHHELD, FAILED = "alarm", "no alarm", "unchecked", "withheld", "failed"
 TABLES = ("detection", "thresholds", "simulated")
 
 
 @dataclass(frozen=True)
 class Detection:
-    """Recordings judged.
+    """Result of a detection.
 
     Attributes
     ----------
     detection : DataFrame
-        One row a recording, joint and detector: `motion`, `joint`, `fda`, `run`, `session`, `kind`
-        (``nominal`` or ``judged``), `y`, `unit`, `status`, `threshold`, `p_value` (share of simulated runs
-        without wear, widened, that give as much), `p_machine` (of the nominal recordings), `verdict`, and
-        `wear` with `wear_low`, `wear_high` (95 %): of which wear such a value speaks. Verdicts: ``alarm``;
-        ``no alarm``;
-        ``unchecked``, above a threshold that too few nominal sessions have widened to the machine's scatter;
-        ``withheld``, where there is no threshold; ``failed``.
+        One row per recording, joint and detector: `motion`, `joint`, `fda`, `run`, `session`, `kind`
+        (``nominal`` or ``judged``), `y`, `unit`, `status`, `threshold`, `p_value` (share of the widened
+        simulated runs without wear whose y is at least as large), `p_machine` (the same share of the nominal
+        recordings), `verdict`, and `wear` with `wear_low`, `wear_high` (95 %): the wear that y indicates.
+        Verdicts: ``alarm``; ``no alarm``; ``unchecked``, above the threshold, but too few nominal sessions
+        show the machine's scatter; ``withheld``, where there is no threshold; ``failed``.
     thresholds : DataFrame
-        One row a motion, joint and detector: `unit`, `threshold`, `p_f`, `p_f_low`, `p_f_high` (95 % of the
-        false-alarm rates that this threshold may have on simulated runs), `runs`, `wear_detected` (smallest
-        from which on a share p_d is detected), `nominal_runs`, `nominal_above`, `scatter_ratio` (of the
+        One row per motion, joint and detector: `unit`, `threshold`, `p_f`, `p_f_low`, `p_f_high` (95 %
+        interval of the threshold's false-alarm rate on simulated runs), `runs`, `wear_detected` (smallest
+        wear from which on a share p_d is detected), `nominal_runs`, `nominal_above`, `scatter_ratio` (of the
         machine's nominal values to the simulated ones, over all motions), `widening` (of the simulated
         values, for the threshold; NaN where too few sessions are nominal), `reason` (why there is no
         threshold; else empty).
     simulated : DataFrame
-        One row a simulated run, joint and detector: `kind` (``simulated``, ``simulated_worn``, ``compared``),
-        `run`, `wear`, `temperature_change` [K], `payload_error` [%], `y`, `status`.
+        One row per simulated run, joint and detector: `kind` (``simulated``, ``simulated_worn``,
+        ``compared``), `run`, `wear`, `temperature_change` [K], `payload_error` [%], `y`, `status`.
     summary : dict
         The content of ``detection.json``.
     """
@@ -79,7 +78,7 @@ class Detection:
 
 
 def judge_recordings(tested: Tested, setting: Setting) -> Detection:
-    """Threshold, meaning and scatter of every test quantity."""
+    """Verdict on every test quantity, with thresholds and the wear that values indicate."""
     values = _collect(tested.asked)
     scatters = {cell: _find_scatter(cell, values, setting.p_f) for _, cell in values}
     thresholds, readings = [], {}
@@ -92,7 +91,7 @@ def judge_recordings(tested: Tested, setting: Setting) -> Detection:
 
 
 def _collect(asked: list[Asked]) -> dict[tuple[str, Cell], dict[str, list[tuple[float, Asked]]]]:
-    """Finite test quantities by motion and cell, then by kind; every cell is there."""
+    """Finite test quantities by motion and cell, then by kind; cells without any are included."""
     values: dict[tuple[str, Cell], dict[str, list[tuple[float, Asked]]]] = {}
     for one in asked:
         for cell, (y, status) in one.answers.items():
@@ -108,7 +107,7 @@ def _column(kinds: Mapping[str, list[tuple[float, Asked]]], kind: str) -> np.nda
 
 
 def _find_scatter(cell: Cell, values: Mapping[tuple[str, Cell], Mapping[str, Any]], p_f: float) -> Scatter:
-    """How the nominal values of a joint and detector scatter, over all motions."""
+    """Scatter of the nominal values of a joint and detector over all motions, against simulated ones."""
     of_cell = [kinds for (_, own), kinds in values.items() if own == cell]
     nominal = [each for kinds in of_cell for each in kinds.get(NOMINAL, [])]
     distances = [
@@ -126,7 +125,7 @@ def _judge_cell(
     tested: Tested,
     setting: Setting,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Row of a cell, and what reads its values: `unworn` and, where wear moves y, `scale`."""
+    """Row of a cell, and what its values are compared with: `unworn`, `nominal` and, with wear, `scale`."""
     joint, fda = cell
     j = tested.prepared.dataset.joints.index(joint)
     unworn, nominal = _column(kinds, UNWORN), _column(kinds, NOMINAL)
@@ -162,13 +161,13 @@ def _judge_cell(
 
 
 def count_sessions(nominal: Sequence[tuple[float, Asked]]) -> int:
-    """Independent nominal values: of sessions, where several are named, else of recordings."""
+    """Number of independent nominal values: of sessions where several are named, else of recordings."""
     sessions = {one.session for _, one in nominal if one.session is not None}
     return len(sessions) if len(sessions) > 1 else len(nominal)
 
 
 def _say_failure(motion: str, cell: Cell, asked: list[Asked]) -> str:
-    """Why a cell has too few simulated test quantities: the first reason among them."""
+    """Why a cell has too few simulated test quantities: the first failure's reason."""
     for one in asked:
         if one.motion == motion and one.kind == UNWORN and one.answers[cell][1] != OK:
             return one.answers[cell][1]
@@ -218,7 +217,7 @@ def _tabulate_measured(
 
 
 def _compare_temperatures(tested: Tested) -> dict[tuple[str, str], float]:
-    """By recording and joint: mean temperature less that of the nominal recordings [K]."""
+    """Mean temperature less that of the nominal recordings [K], by recording and joint."""
     joints = tested.prepared.dataset.joints
     found: dict[tuple[str, str], float] = {}
     for group in tested.groups:
@@ -305,10 +304,7 @@ def _summarise(tested: Tested, setting: Setting, detection: pd.DataFrame) -> dic
             "joints": int(decided["joint"].nunique()),
             "of": tested.prepared.n,
             "seconds": sum(lengths),
-            "refused": [
-                one.reason if one.reason.startswith(one.file) else f"{one.file}: {one.reason}"
-                for one in tested.refused
-            ],
+            "refused": [one.reason for one in tested.refused],
         },
         "dataset": tested.prepared.dataset.name,
         "dataset_digest": tested.prepared.dataset.digest,

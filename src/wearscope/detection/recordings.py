@@ -1,6 +1,6 @@
-"""Recordings of a data set as detectors see them, sorted by motion into nominal and judged ones.
+"""Recordings of a data set as batches for detectors, grouped by motion into nominal and judged ones.
 
-Waits before, between and after the moves do not matter: the motion may still be the same.
+Motions that differ only by waits before, between or after the moves are the same.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,9 +28,9 @@ from wearscope.errors import InputError
 def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     """Recordings without the torque of short events, and the events.
 
-    A push at one link is felt at the other joints, too weakly to be found there. So during an event the
-    torque of all joints is replaced, up to the common bandwidth, by what the declared model and the joint's
-    state explain; noise above the bandwidth stays.
+    A push at one link also acts on the other joints, too weakly to be found there. So during an event the
+    torques of all joints are replaced, up to the common bandwidth, by what the declared model and each
+    joint's state explain. Noise above the bandwidth stays.
     """
     joints = prepared.dataset.joints
     names = [name for name in prepared.dataset.fields.declared_effects if not name.endswith(".py")]
@@ -68,10 +68,10 @@ class Recorded:
     file : str
     session : str or None
     batch : Batch
-        From its first to its last motion.
+        Part from its first to its last motion.
     run : PreparedRun
     payload : PayloadFields or None
-        As declared.
+        Declared payload.
     """
 
     file: str
@@ -104,7 +104,7 @@ class MotionGroup:
 
 @dataclass(frozen=True)
 class Refused:
-    """A recording that is not judged, and why."""
+    """A recording that is not judged, and the reason: a sentence that begins with the file."""
 
     file: str
     reason: str
@@ -150,7 +150,7 @@ def sort_recordings(prepared: Prepared) -> tuple[list[MotionGroup], list[Refused
     Returns
     -------
     groups : list of MotionGroup
-        Those that have something to judge.
+        Groups that have something to judge.
     refused : list of Refused
 
     Raises
@@ -225,18 +225,10 @@ def _refusal(one: Recorded, groups: list[MotionGroup], reasons: list[str | None]
 
 
 def estimate_torque_noise(torques: list[Array]) -> Array:
-    """Standard deviation (n,) of white noise on recorded torques, from their second differences.
+    """Standard deviation (n,) of white noise on recorded torques (N, n), from their second differences.
 
-    Parameters
-    ----------
-    torques : list of ndarray (N, n)
-        As recorded.
-
-    Returns
-    -------
-    ndarray (n,)
-        Median magnitude of the second difference, scaled as for normal noise: jumps at reversals and the
-        torque's own course hardly count. Noise that the drive has filtered is underestimated.
+    It is their median magnitude, scaled as for normal noise. Jumps at reversals and slow changes of the
+    torque hardly count in it. Noise that the drive has filtered is underestimated.
     """
     second = np.concatenate([np.diff(tau, 2, axis=0) for tau in torques])
     return _NORMAL * np.median(np.abs(second), axis=0) / _SECOND
@@ -244,10 +236,11 @@ def estimate_torque_noise(torques: list[Array]) -> Array:
 
 #: A joint counts as moving above this share of its highest speed.
 REST = 0.01
-#: Places along the path at which two motions are compared.
+#: Number of places along the path at which two motions are compared.
 PLACES = 400
-#: Two motions are equal within these limits: distance, as a share of a joint's range; time in motion up to a
-#: place, as a share of the whole time. Tracking errors, wear and temperature change far less.
+#: Two motions are the same within these limits: difference of a position, as a share of the joint's range,
+#: and of the time in motion up to a place, as a share of the whole time. Tracking errors, wear and
+#: temperature change both far less.
 POSITION, TIME = 0.05, 0.05
 #: A joint's range counts as at least this share of the largest range: a joint that hardly moves shows only
 #: noise.
@@ -256,14 +249,14 @@ LEAST_RANGE = 0.02
 
 @dataclass(frozen=True)
 class Path:
-    """Where the joints are along the way of a motion, rests left out.
+    """Positions along the path of a motion, without its rests.
 
     Attributes
     ----------
     q : ndarray (PLACES, n)
-        Position at equal shares of the way.
+        Positions at equal shares of the path.
     time : ndarray (PLACES,)
-        Time in motion until there [s].
+        Time in motion up to there [s].
     """
 
     q: Array
@@ -286,13 +279,13 @@ def cut_rests(batch: Batch) -> Batch:
 
 
 def top_speeds(batch: Batch) -> Array:
-    """Highest speed (n,) of each joint; infinite for one that hardly moves against the others."""
+    """Highest speed (n,) of each joint; infinite for a joint that hardly moves compared with the others."""
     top = np.abs(batch.qd).max(axis=0)
     return np.where(np.ptp(batch.q, axis=0) >= _scale(batch), top, np.inf)
 
 
 def find_moving(batch: Batch, top: Array) -> np.ndarray:
-    """Samples (N,) of bool at which a joint moves, with the highest speeds (n,) of the motion."""
+    """Mask (N,) of samples at which any joint moves faster than `REST` of its highest speed `top` (n,)."""
     return np.asarray((np.abs(batch.qd) > REST * top).any(axis=1))
 
 
@@ -302,13 +295,13 @@ def _scale(batch: Batch) -> Array:
 
 
 def follow_path(batch: Batch, top: Array) -> Path:
-    """Path of a batch, its way being the sum of all joints' motion, each in units of its highest speed.
+    """Path of a batch; its length is the sum of all joints' travel, each over the joint's highest speed.
 
     Parameters
     ----------
     batch : Batch
     top : ndarray (n,)
-        Highest speeds, of the motion that it is compared with.
+        Highest speeds of the motion with which the path is compared.
 
     Raises
     ------

@@ -25,7 +25,6 @@ from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, PAPER_FACTOR
 from wearscope.designs.kinds import generator_for, seed_for
 from wearscope.detection.recordings import (
     MotionGroup,
-    Recorded,
     Refused,
     bridge_events,
     cut_rests,
@@ -43,7 +42,7 @@ from wearscope.simulation.sensors import record
 from wearscope.simulation.study import LONGEST_STEP, trace_forward
 from wearscope.supervision import ProcessLost, run_supervised
 
-#: Assumed where no temperature is recorded [deg C].
+#: Temperature that is assumed where none is recorded [deg C].
 USUAL_TEMPERATURE = 50.0
 #: A factor counts as moving a torque where it changes the torque by more than this share of its largest
 #: magnitude.
@@ -52,14 +51,14 @@ MOVES = 1e-9
 
 @dataclass(frozen=True)
 class Draw:
-    """What one simulated run is simulated with.
+    """Conditions of one simulated run.
 
     Attributes
     ----------
     wear : ndarray (n,)
-        Level f of each joint [-].
+        Wear level f of each joint [-].
     warmth : float
-        Temperature beyond that of the nominal recordings [K].
+        Temperature less that of the nominal recordings [K].
     payload_error : float
         Error of the declared payload mass, relative to the correct one [-].
     """
@@ -72,18 +71,18 @@ class Draw:
 def draw_runs(
     factors: Sequence[Factor], n: int, unworn: int, worn: int, sigma: float, seed: int
 ) -> tuple[list[Draw], list[Draw]]:
-    """Conditions of runs without wear and with wear, nuisances scattered as the study has them.
+    """Conditions of runs without wear and with wear; nuisances scatter as in the study.
 
     Parameters
     ----------
     factors : sequence of Factor
-        Of the study; the point-to-point delay is part of the recorded motion and is left out.
+        Factors of the study; the point-to-point delay is part of the recorded motion and is left out.
     n : int
         Number of joints.
     unworn, worn : int
-        Number of runs. Wear is spread over the fault's range as a Latin hypercube, each joint on its own.
+        Numbers of runs. Wear covers the fault's range as a Latin hypercube with one dimension per joint.
     sigma : float
-        Standard deviation of every nuisance, coded, held within -2..2.
+        Standard deviation of every nuisance in coded levels, which are clipped to -2..2.
     seed : int
 
     Returns
@@ -110,21 +109,22 @@ def draw_runs(
 
 
 class Simulated:
-    """The corrected model along a recorded motion.
+    """Simulation of the corrected model along a recorded motion.
 
     Parameters
     ----------
     prepared : Prepared
     group : MotionGroup
-        Its nominal recordings give motion and temperatures, in turn.
+        Group whose nominal recordings give motion and temperatures, in turn.
     model : RobotModel
-        Where it states no torque noise or encoder step, those of the nominal recordings are taken.
+        Corrected model. Where it states no torque noise or encoder step, those of the nominal recordings are
+        taken.
     seed : int
 
     Attributes
     ----------
     idle : list of str
-        Kinds of factor that are known to move no torque, from `screen_factors`.
+        Kinds of factor that change no torque, from `screen_factors`.
     """
 
     def __init__(self, prepared: Prepared, group: MotionGroup, model: RobotModel, seed: int) -> None:
@@ -140,24 +140,19 @@ class Simulated:
         first = group.nominal[0]
         self.noise_from, model = _complete_sensors(prepared, group, model)
         self.model = with_payload(model, prepared, first.run)
-        # A whole number of steps a sample, none longer than the simulator takes.
+        # A sample is a whole number of steps, none longer than the simulator takes.
         self.step = 1.0 / (self.rate * np.ceil(1.0 / (self.rate * LONGEST_STEP) - 1e-9))
         self._plain: dict[int, tuple[Trace, float]] = {}
         self.idle: list[str] = []
 
-    def reference(self, recorded: Recorded) -> Reference:
-        """Motion of a recording, as filtered."""
-        s = recorded.run.signals
-        return Reference(np.arange(len(s.t)) / self.band.rate, s.q, s.v, s.a)
-
     def simulate(self, draw: Draw, number: int, purpose: str, noise: bool = True) -> Batch:
-        """One run, along the motion of a nominal recording at its temperature and the draw's beyond.
+        """One run along the motion of a nominal recording, at its temperature plus that of the draw.
 
         Parameters
         ----------
         draw : Draw
         number : int
-            Of the run; nominal recordings are taken in turn.
+            Number of the run; nominal recordings are taken in turn.
         purpose : str
             Part of the seed.
         noise : bool
@@ -184,7 +179,7 @@ class Simulated:
         return self.prepare(recording.t, recording.q, recording.tau)
 
     def _trace(self, draw: Draw, which: int) -> tuple[Trace, float]:
-        """Run of a draw before the sensors; runs that differ by their noise only are simulated once."""
+        """Run of a draw without sensors, and its step [s]; runs that differ only by noise are made once."""
         plain = (
             ("wear" in self.idle or not np.any(draw.wear))
             and ("temperature" in self.idle or draw.warmth == 0.0)
@@ -199,9 +194,10 @@ class Simulated:
             true = payload.to_payload().scaled(1.0 / (1.0 + draw.payload_error))
             stated = {"mass": true.mass, "com": list(true.com), "inertia": list(true.inertia)}
             model = model.replace(payload=stated)
+        s = recorded.run.signals
         made = trace_forward(
             model,
-            self.reference(recorded),
+            Reference(np.arange(len(s.t)) / self.band.rate, s.q, s.v, s.a),
             declared=self.model,
             temperature=known + draw.warmth,
             wear=draw.wear,
@@ -228,10 +224,10 @@ class Simulated:
                 yield error
 
     def screen_factors(self, factors: Sequence[Factor]) -> list[str]:
-        """Kinds of factor that move no torque of the model: wear, temperature, payload_mass_error.
+        """Kinds of factor that change no torque of the model: wear, temperature, payload_mass_error.
 
-        Each is changed by a coded unit from the nominal conditions, in a run without noise. They are kept in
-        `idle`.
+        Each is changed by one coded level from the nominal conditions, in a run without noise. They are kept
+        in `idle`.
         """
         n = self.model.n
         step = {factor.kind: factor.step for factor in factors}
@@ -253,7 +249,7 @@ class Simulated:
 
 
 def _complete_sensors(prepared: Prepared, group: MotionGroup, model: RobotModel) -> tuple[str, RobotModel]:
-    """Where the torque noise comes from, and the model with noise and encoder steps filled in."""
+    """Source of the torque noise in words, and the model with noise and encoder steps filled in."""
     records = {record.file: record for record in prepared.dataset.runs}
     runs = [records[one.file].load() for one in group.nominal]
     sensors = model.sensors.model_dump(exclude_none=True)
@@ -268,7 +264,7 @@ def _complete_sensors(prepared: Prepared, group: MotionGroup, model: RobotModel)
     return said, model.replace(sensors=sensors)
 
 
-#: Purposes of a run's test quantities, in the column `kind`.
+#: Kinds of run, in the column `kind`.
 NOMINAL, JUDGED, UNWORN, WORN, COMPARED = "nominal", "judged", "simulated", "simulated_worn", "compared"
 
 #: Largest number of simulated runs that are also used to compare the scatter.
@@ -284,12 +280,11 @@ class Setting:
     p_f, p_d : float
         Wanted false-alarm rate; share of faults to detect.
     runs, worn_runs : int
-        Simulated runs a motion, without wear and with wear.
+        Simulated runs per motion, without wear and with wear.
     sigma : float
-        Standard deviation of the study's nuisances, coded.
+        Standard deviation of the study's nuisances, in coded levels.
     nominal : str
-        ``measured`` or ``simulated``: what the detectors are fitted to before they are asked for the
-        recordings.
+        ``measured`` or ``simulated``: the nominal runs to which the detectors are fitted for the recordings.
     max_failed_share : float
         Largest share of the simulated runs that may fail.
     seed : int
@@ -317,7 +312,7 @@ class Asked:
     motion, kind, run : str
     session : str or None
     draw : Draw or None
-        Of a simulated run.
+        Conditions of a simulated run; None for a recording.
     answers : dict
         Test quantity and status by joint and detector.
     """
@@ -341,19 +336,19 @@ class Tested:
     refused : list of Refused
     asked : list of Asked
     units : dict
-        Of y, by joint and detector.
+        Unit of y, by joint and detector.
     idle : dict of str to list of str
-        Kinds of factor that move no torque of the model, by motion.
+        Kinds of factor that change no torque of the model, by motion.
     noise_from : str
-        What the simulated torque noise was taken from.
+        Source of the simulated torque noise.
     joints : list of str
-        Tested: those that move.
+        Tested joints: those that move.
     model : str
-        Its name.
+        Name of the model.
     events : list of dict
         Short events, as ``verdict.json`` has them, whose torque is taken out of the recordings.
     detectors : dict of str to str
-        What each detector uses, by its name.
+        Reference (built-in name or file) of each detector, by its name.
     """
 
     prepared: Prepared
@@ -387,7 +382,7 @@ def ask_recordings(
         The corrected model, e.g. ``model_after.yaml``.
     detectors : sequence of DetectorSpec
     factors : sequence of Factor
-        Of the study, whose nuisances scatter in the simulated runs.
+        Factors of the study, whose nuisances scatter in the simulated runs.
     setting : Setting, optional
     progress : callable
     allow_code : bool or list of str
@@ -423,7 +418,7 @@ def ask_recordings(
             work.ask_all() if setting.time_limit is None else run_supervised(work.ask_all, setting.time_limit)
         )
         for kind, content in steps:
-            if kind == "begin":  # also again, where somebody else killed the process
+            if kind == "begin":  # it comes again where another program killed the process
                 found.clear()
             elif kind == "at":
                 at = content
@@ -447,14 +442,14 @@ def check_recordings(dataset: str | Path) -> None:
     Raises
     ------
     InputError
-        As of `ask_recordings`.
+        Where the data set breaks the format, or nothing in it can be judged.
     """
     sort_recordings(prepare(read_measured(dataset)))
 
 
 @dataclass(frozen=True)
 class _Work:
-    """All questions as a generator, which may run in its own process."""
+    """All simulations and questions to detectors as a generator, which may run in its own process."""
 
     prepared: Prepared
     groups: list[MotionGroup]
@@ -506,7 +501,8 @@ class _Work:
             elif count > 1:  # a detector's scatter shows only in recordings that it was not fitted to
                 others = fit_panel(self.detectors, self.joints, measured[:k] + measured[k + 1 :], declared)
                 yield ask(NOMINAL, one.file, one.session, None, others, one.batch)
-        # The nominal recordings are left out in turn; to be comparable, so is one of the simulated ones.
+        # Each nominal recording is judged by detectors fitted to the others. For a fair comparison, one
+        # nominal simulated run is left out too.
         fewer = panel
         if count > 1 and not alone:
             fewer = fit_panel(self.detectors, self.joints, nominal[:-1], declared)

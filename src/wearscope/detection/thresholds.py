@@ -1,6 +1,6 @@
 """Alarm threshold for a wanted false-alarm rate, wear that a value indicates, scatter of the machine.
 
-The study's detectors, the panel, are fitted once at every moving joint and asked for each batch.
+The panel, all detectors of the study at every moving joint, is fitted once and then applied to each batch.
 """
 
 import math
@@ -16,7 +16,7 @@ from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector
 from wearscope.errors import InputError, tell_error
 from wearscope.robots.model import RobotModel
 
-#: Number of wear levels at which the probability density of the wear is evaluated.
+#: Number of wear levels at which the density of the wear is evaluated.
 _GRID = 401
 #: Fewest sessions of nominal recordings from which the machine's scatter is taken.
 LEAST_NOMINAL = 3
@@ -31,7 +31,7 @@ class Threshold:
     value : float
         A test quantity at or above it is an alarm.
     rate_low, rate_high : float
-        Central 95 % of the false-alarm rates that such a threshold has, whatever the distribution of y.
+        95 % interval of its false-alarm rate, for any distribution of y.
     """
 
     value: float
@@ -54,7 +54,7 @@ def find_threshold(y: Array, p_f: float) -> Threshold:
     Parameters
     ----------
     y : ndarray (n,)
-        Finite.
+        Finite test quantities of the runs.
     p_f : float
 
     Raises
@@ -74,9 +74,9 @@ def find_threshold(y: Array, p_f: float) -> Threshold:
 
 
 def find_p_value(value: float, y: Array) -> float:
-    """Probability that a run without wear gives at least `value`, from runs (n,); NaN without any.
+    """Probability that a run without wear gives at least `value`, from runs (n,); NaN without runs.
 
-    At least 1 / (n + 1).
+    It is 1 / (n + 1) or more.
     """
     if not len(y):
         return float("nan")
@@ -106,14 +106,15 @@ def find_detected_wear(wear: Array, y: Array, threshold: float, p_d: float) -> f
 class WearScale:
     """Wear that a value of the test quantity indicates, from simulated runs of known wear.
 
-    The mean of y is a cubic in the wear, its standard deviation a straight line, both by least squares; the
-    wear of a value has the density that a uniform one over the simulated range gets by Bayes' rule.
+    The mean of y is a cubic in the wear and its standard deviation a straight line, both by least squares.
+    The density of the wear that belongs to a value follows by Bayes' rule from a uniform prior over the
+    simulated range.
 
     Parameters
     ----------
     wear, y : ndarray (n,)
     widening : float
-        Factor by which the machine scatters more.
+        Factor by which the machine scatters more than the simulation.
     """
 
     def __init__(self, wear: Array, y: Array, widening: float = 1.0) -> None:
@@ -122,13 +123,13 @@ class WearScale:
         mean = np.polynomial.Polynomial.fit(wear, y, 3)
         away = np.abs(y - mean(wear))
         spread = np.polynomial.Polynomial.fit(wear, away, 1)
-        # Half-normal: the standard deviation is sqrt(pi / 2) mean magnitudes.
+        # The standard deviation of a normal variable is sqrt(pi / 2) times its mean magnitude.
         least = max(0.1 * float(away.mean()), 1e-12 * float(np.abs(y).max()), 1e-300)
         self.mean = mean(self.grid)
         self.deviation = widening * np.sqrt(np.pi / 2) * np.maximum(spread(self.grid), least)
 
     def read(self, value: float, level: float = 0.95) -> tuple[float, float, float]:
-        """Median and central interval of the wear that gives a value.
+        """Median and central interval of the wear that a value indicates.
 
         A value beyond those of all simulated wear indicates the nearest end of the range of wear.
         """
@@ -141,16 +142,15 @@ class WearScale:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How the machine's nominal test quantities scatter, compared with the simulator's.
+    """Scatter of the machine's nominal test quantities, compared with the simulated ones'.
 
     Attributes
     ----------
     ratio : float
-        Root mean square distance of the machine's values from the simulator's median, divided by that of the
-        simulator's values.
+        RMS distance of the machine's values from the simulated median, over that of the simulated values.
     widening : float
-        Factor by which simulated values are drawn away from their median so that they scatter as the
-        machine's do; NaN where fewer than `LEAST_NOMINAL` of these are independent.
+        Factor on the distance of simulated values from their median, with which they scatter as the machine's
+        values do; NaN where fewer than `LEAST_NOMINAL` of the machine's values are independent.
     """
 
     ratio: float
@@ -158,7 +158,7 @@ class Scatter:
 
 
 def measure_distances(machine: Array, simulated: Array) -> Array:
-    """Distances of the machine's values (m,) from the simulated median, over the simulated ones (RMS)."""
+    """Distances of the machine's values (m,) from the simulated median, over the simulated values' RMS."""
     if not len(machine) or not len(simulated):
         return np.zeros(0)
     away = simulated - np.median(simulated)
@@ -167,17 +167,18 @@ def measure_distances(machine: Array, simulated: Array) -> Array:
 
 
 def compare_scatter(distances: Array, independent: int, p_f: float) -> Scatter:
-    """How the machine's nominal test quantities scatter, from their distances.
+    """Scatter of the machine's nominal test quantities, from their distances.
 
-    The widening is the ratio, but at least one, times the quantile 1 - `p_f` of Student's t over the normal
-    one: a scatter known from few sessions predicts the next value with that much less certainty.
+    The widening is the ratio, or 1 if that is larger, times the quantile 1 - `p_f` of Student's t over that
+    of the normal distribution: a scatter that is known from few sessions predicts a further value less
+    surely.
 
     Parameters
     ----------
     distances : ndarray (m,)
-        Of `measure_distances`, over all motions.
+        Distances from `measure_distances`, over all motions.
     independent : int
-        Number of them that are independent: the sessions they were recorded in.
+        Number of independent distances: of the sessions in which they were recorded.
     p_f : float
     """
     ratio = float(np.sqrt(np.mean(distances**2))) if len(distances) else float("nan")
@@ -188,7 +189,7 @@ def compare_scatter(distances: Array, independent: int, p_f: float) -> Scatter:
 
 
 def widen(values: Array, middle: Array | float, widening: float) -> Array:
-    """Distances from the middle times the widening; values unchanged where the widening is not known."""
+    """Values with their distances from `middle` times `widening`; unchanged where that is NaN."""
     return values if np.isnan(widening) else middle + widening * (values - middle)
 
 
@@ -205,7 +206,7 @@ class Panel:
     fitted : dict
         Detector by joint and name.
     unfitted : dict
-        Why a detector could not be fitted, by joint and name.
+        Reason why a detector could not be fitted, by joint and name.
     """
 
     fitted: dict[Cell, Detector] = field(default_factory=dict)
@@ -258,7 +259,7 @@ def fit_panel(
 
 
 def read_units(panel: Panel, torque_units: Mapping[str, str]) -> dict[Cell, str]:
-    """Unit of each test quantity: the detector's own `unit`, with ``torque`` for the joint's; else empty."""
+    """Unit of each test quantity: the detector's `unit`, where ``torque`` is the joint's; else empty."""
     units = {}
     for (joint, name), detector in panel.fitted.items():
         unit = str(getattr(detector, "unit", ""))

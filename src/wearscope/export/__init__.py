@@ -1,1 +1,1 @@
-"""A corrected model taken to what people simulate in: URDF, MJCF, and a plain table of parameters."""
+"""Export of a corrected model for other simulators: URDF, MJCF, Isaac Lab, and a table of parameters."""

@@ -1,7 +1,7 @@
-"""MuJoCo's torque along a motion next to the model's own, and a motion run again in each format.
+"""Comparison of MuJoCo's torque along a motion with the model's own, and replays of a motion in each format.
 
-MuJoCo gets the torque that the motion needs of the whole model, without feedback, and starts again on the
-motion every so often; its position after 0.1, 0.5 and 2 s is compared with the motion.
+In a replay MuJoCo gets the torque that the motion needs by the whole model, without feedback. It starts from
+the motion again at regular intervals; its position after 0.1, 0.5 and 2 s is compared with the motion.
 """
 
 from typing import Any
@@ -10,16 +10,17 @@ import mujoco
 import numpy as np
 
 from wearscope.cycles.base import Reference, required_torque
-from wearscope.export.formats import find_gears, follow_links, make_spec, place_gears
+from wearscope.export.formats import find_gears, make_spec, place_gears
 from wearscope.export.holdings import FORMATS, MJCF, Holdings, held_by, without_motors
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array
+from wearscope.simulation.balance import deflection
 from wearscope.simulation.plant import build_plant
 
-#: A joint moves above this share of its highest speed: there MuJoCo's friction, which it solves for as a soft
-#: constraint, has reached its level.
+#: A joint moves above this share of its highest speed. There MuJoCo's friction, a soft constraint, has
+#: reached its level.
 MOVING = 0.01
-#: Steps of the passive motors' states for each instant of a motion.
+#: Number of steps of the passive motors' states per sample of a motion.
 _STEPS = 4
 
 
@@ -32,10 +33,10 @@ def inverse_dynamics(
 ) -> Array:
     """MuJoCo's inverse dynamics (N, n) along a motion, with or without Coulomb friction.
 
-    Where the model has gears, the links move as `links`.
+    Where the model has gears that yield, `links` is the motion of the links.
     """
     model = spec.compile()
-    # Planned motions keep to the limits; MuJoCo's push back softly from a little before them.
+    # Planned motions keep to the limits, but MuJoCo's soft limits push back already a little before them.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
     if not friction:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
@@ -49,7 +50,7 @@ def inverse_dynamics(
     lag = [getattr(links or reference, key) - getattr(reference, key) for key in ("q", "v", "a")]
     for row in range(len(reference.t)):
         for _ in range(_STEPS if model.na else 1):
-            # Steps let the passive motors' bristles follow the motion.
+            # In these steps the passive motors' bristles follow the motion.
             data.qpos[q], data.qvel[v] = reference.q[row], reference.v[row]
             place_gears(data, gears, (lag[0][row], lag[1][row], lag[2][row]))
             mujoco.mj_step(model, data)
@@ -62,7 +63,7 @@ def inverse_dynamics(
 
 
 def whole_torque(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> Array:
-    """Torque (N, n) that a motion needs of the whole model [N m or N]."""
+    """Torque (N, n) that a motion needs by the whole model, whatever a format can hold [N m or N]."""
     corrected = model.rigid_body().inertial_regressor(reference.q, reference.v, reference.a)
     links, body = link_motion(model, held, reference), held.body
     lag = body.inverse_dynamics(links.q, links.v, links.a)
@@ -71,8 +72,18 @@ def whole_torque(model: RobotModel, held: Holdings, reference: Reference, temper
 
 
 def link_motion(model: RobotModel, held: Holdings, reference: Reference) -> Reference:
-    """Motion of the whole model's links, which its gears let lag."""
-    return follow_links(build_plant(model), held.body, reference)
+    """Motion of the links, which lag the motors since their load bends the gears."""
+    plant = build_plant(model)
+    flexible = np.flatnonzero((plant.compliance > 0.0) | (plant.lost_motion > 0.0))
+    if not flexible.size:
+        return reference
+    load = held.body.inverse_dynamics(reference.q, reference.v, reference.a)
+    q = reference.q.copy()
+    for j in flexible:
+        q[:, j] -= deflection(load[:, j], plant.compliance[j], plant.lost_motion[j], plant.mesh_torque[j])
+    step = float(reference.t[1] - reference.t[0])
+    v = reference.v + np.gradient(q - reference.q, step, axis=0)
+    return Reference(reference.t, q, v, reference.a + np.gradient(v - reference.v, step, axis=0))
 
 
 def compare(model: RobotModel, held: Holdings, reference: Reference, temperature: float) -> dict[str, Array]:
@@ -89,10 +100,11 @@ def compare(model: RobotModel, held: Holdings, reference: Reference, temperature
     Returns
     -------
     dict of str to ndarray (n,)
-        RMS by joint [N m or N]: `torque_rms` of the model's torque; `difference_without_coulomb`, MuJoCo less
-        what it was given to hold, both without Coulomb friction; `difference_where_moving` and `difference`,
-        the same with it, where the joint moves and at all instants, as MuJoCo's friction is a soft
-        constraint; `not_held_where_moving`, MuJoCo less the whole model: what the format cannot hold.
+        RMS by joint [N m or N]. `torque_rms`: the model's torque. `difference_without_coulomb`: MuJoCo's
+        torque less that of the exported numbers, both without Coulomb friction. `difference_where_moving` and
+        `difference`: the same with Coulomb friction, where the joint moves and at all samples, since MuJoCo's
+        friction is a soft constraint. `not_held_where_moving`: MuJoCo's torque less the whole model's, which
+        is what the format cannot hold.
     """
     links = link_motion(model, held, reference)
     theirs = inverse_dynamics(make_spec(model, held), model.joints, reference, links=links)
@@ -121,10 +133,10 @@ def compare(model: RobotModel, held: Holdings, reference: Reference, temperature
     }
 
 
-#: Times after which the position is compared [s], and between two starts; time for bristles and gears to
-#: follow.
+#: Times after which the position is compared [s]; time between two starts [s]; time before a start in which
+#: bristles and gears follow the motion [s].
 HORIZONS, _EVERY, _WARM = (0.1, 0.5, 2.0), 0.5, 0.3
-#: MuJoCo's step [s].
+#: MuJoCo's time step [s].
 STEP = 1e-3
 WITHOUT = f"{MJCF} without passive motors"
 
@@ -132,7 +144,7 @@ WITHOUT = f"{MJCF} without passive motors"
 def compare_replays(
     model: RobotModel, held: Holdings, reference: Reference, temperature: float
 ) -> dict[str, dict[str, Any]]:
-    """Differences of each format's replay, by format and joint, of what `comparison.compare` takes.
+    """Differences of each format's replay, by format and joint; for the parameters see `compare`.
 
     Returns
     -------
@@ -168,7 +180,7 @@ def replay(
 ) -> Array:
     """Median position error (3, n) after each of `HORIZONS` under a torque (N, n) along a motion.
 
-    Where the model has gears, they begin where the motion of the `links` has them.
+    Where the model has gears that yield, `links` is the motion of the links, from which they start.
     """
     model = spec.compile()
     model.opt.timestep = STEP

@@ -1,9 +1,9 @@
 """A model as URDF and as MJCF text.
 
-What MuJoCo has for a joint beyond plain friction are passive motors, and gears that yield. A passive
-``dcmotor`` has friction by LuGre's law, and a wave over the position.
-The law's steady friction falls with the square of the speed, as level exp(-(v/speed)^2). A fall with another
-exponent up to 2 is a sum of such falls, each a motor of its own.
+Beyond plain friction, a joint in MuJoCo may have passive motors and a gear that yields. A passive ``dcmotor``
+has friction by LuGre's law, and a wave over the position. The law's steady friction falls with the square of
+the speed, as level exp(-(v/speed)^2). A fall with another exponent up to 2 is a sum of such falls, each a
+motor of its own.
 
 A gear with compliance or lost motion is a second joint about the motor's axis, held by springs. The motor's
 joint carries the rotor; the joint ``<name>_gear`` turns the link against it. Its torque is a sum of springs
@@ -18,17 +18,14 @@ import mujoco
 import numpy as np
 from scipy.optimize import nnls
 
-from wearscope.cycles.base import Reference
-from wearscope.effects.base import Plant
 from wearscope.export.holdings import FASTEST, Holdings
 from wearscope.robots import urdf
-from wearscope.robots.dynamics import RigidBody
 from wearscope.robots.model import RobotModel
 from wearscope.robots.spatial import Array, Inertia
 from wearscope.robots.urdf import OPEN_LIMIT, Joint, Link, Pose, Tree, make_link, parse_urdf
 from wearscope.simulation.balance import deflection
 
-#: Torques at which the springs meet the gear's law, over the torque that takes up the lost motion.
+#: Torques at which the sum of springs equals the gear's law, over the torque that takes up the lost motion.
 _KNOTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0])
 #: Damping ratio of the gear's springs with the inertia on its two sides.
 _GEAR_DAMPING = 0.05
@@ -47,7 +44,7 @@ def sum_springs(compliance: float, lost_motion: float, mesh_torque: float) -> li
 def add_gear(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, motor: mujoco.MjsJoint, held: Holdings, j: int
 ) -> None:
-    """Give a link the joint of its gear, where the model has one."""
+    """Add the joint of a link's gear with its springs, where the model has a gear that yields."""
     if j not in held.gear:
         return
     joint = body.add_joint(name=f"{motor.name}_gear", axis=list(motor.axis), type=motor.type)
@@ -61,22 +58,8 @@ def add_gear(
         spring.wrap_joint(joint.name, 1.0)
 
 
-def follow_links(plant: Plant, body: RigidBody, motion: Reference) -> Reference:
-    """Motion of the links, which lag the motors by what their load bends the gears."""
-    flexible = np.flatnonzero((plant.compliance > 0.0) | (plant.lost_motion > 0.0))
-    if not flexible.size:
-        return motion
-    load = body.inverse_dynamics(motion.q, motion.v, motion.a)
-    q = motion.q.copy()
-    for j in flexible:
-        q[:, j] -= deflection(load[:, j], plant.compliance[j], plant.lost_motion[j], plant.mesh_torque[j])
-    step = float(motion.t[1] - motion.t[0])
-    v = motion.v + np.gradient(q - motion.q, step, axis=0)
-    return Reference(motion.t, q, v, motion.a + np.gradient(v - motion.v, step, axis=0))
-
-
 def find_gears(model: mujoco.MjModel, joints: list[str]) -> list[tuple[int, int, int]]:
-    """Number of the joint, places in positions and speeds, of each gear."""
+    """For each gear: index of its joint, and its indices in MuJoCo's positions and speeds."""
     names = {model.joint(k).name for k in range(model.njnt)}
     gears = [(j, model.joint(f"{name}_gear")) for j, name in enumerate(joints) if f"{name}_gear" in names]
     return [(j, int(one.qposadr[0]), int(one.dofadr[0])) for j, one in gears]
@@ -85,13 +68,13 @@ def find_gears(model: mujoco.MjModel, joints: list[str]) -> list[tuple[int, int,
 def place_gears(
     data: mujoco.MjData, gears: list[tuple[int, int, int]], row: tuple[Array, Array, Array]
 ) -> None:
-    """Put the gears where the links lag the motors by `row`: position, speed and acceleration (n,)."""
+    """Set the gears' state to `row`: how links lag motors in position, speed and acceleration, each (n,)."""
     for j, q, v in gears:
         data.qpos[q], data.qvel[v], data.qacc[v] = (float(one[j]) for one in row)
 
 
 #: Speeds of the falls in a sum, over the speed of the fall that they replace; smallest weight that is kept,
-#: as a share of all.
+#: as a share of the sum of the weights.
 _SPEEDS, _LEAST_SHARE = 2.0 ** np.arange(-5.0, 3.1, 0.5), 0.01
 #: Share of a fall's level that remains in fast motion where the joint has no Coulomb friction: LuGre's law
 #: needs some.
@@ -99,12 +82,12 @@ _FLOOR = 0.01
 #: Damping ratio of the bristles with the joint's inertia. Bristles that follow Dahl's law, where the model
 #: knows the displacement, have no damping.
 _DAMPING = 0.05
-#: Electrical resistance, so high that the motor carries no current, and its motor constant.
+#: Electrical resistance, so high that the motor carries no current; motor constant.
 _OPEN, _CONSTANT = 1e9, [1.0, 0.0]
 
 
 def sum_falls(exponent: float) -> list[tuple[float, float]]:
-    """Weights and speeds of falls with the square that add up to exp(-x^exponent); one where it is near 2."""
+    """Weights and speeds of terms exp(-(x/speed)^2) that add up to exp(-x^exponent); one if it is near 2."""
     if exponent > 1.9:
         return [(1.0, 1.0)]
     x = np.concatenate([np.linspace(0.0, 1.0, 60), np.linspace(1.0, 6.0, 60)])
@@ -115,16 +98,16 @@ def sum_falls(exponent: float) -> list[tuple[float, float]]:
 
 
 def add_passive_motors(spec: mujoco.MjSpec, name: str, held: Holdings, j: int) -> float:
-    """Give a joint the motors that its friction and its waves need; its Coulomb friction that is left.
+    """Add the passive motors for a joint's friction and waves; return its remaining Coulomb friction.
 
     Parameters
     ----------
     spec : MjSpec
     name : str
-        Of the joint.
+        Name of the joint.
     held : Holdings
     j : int
-        Number of the joint.
+        Index of the joint.
     """
     for k, (cosine, sine, wavenumber) in enumerate(held.wave.get(j, [])):
         size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-cosine, -sine))
@@ -162,7 +145,7 @@ def _add(spec: mujoco.MjSpec, name: str, joint: str, **law: list[float]) -> None
 
 #: Name of the body and link of the declared payload.
 PAYLOAD = "payload"
-#: Inertia given to a point mass, as formats refuse zero [kg m^2].
+#: Least moment of inertia of a payload, since formats refuse that of a point mass [kg m^2].
 _LEAST = 1e-9
 
 
@@ -173,7 +156,7 @@ def write_urdf(model: RobotModel, held: Holdings) -> str:
 
 
 def _mount_payload(held: Holdings) -> Tree:
-    """The robot's tree, with the payload as a last link that is fixed to the one before."""
+    """The robot's tree with the payload as a link of its own, fixed to the last link."""
     tree, payload = parse_urdf(held.body.urdf_text()), held.body.payload
     if payload is None or not payload.mass > 0.0:
         return tree
@@ -186,15 +169,15 @@ def _mount_payload(held: Holdings) -> Tree:
 
 
 def write_mjcf(model: RobotModel, held: Holdings) -> str:
-    """MJCF with armature, friction loss, damping, springs, payload and a torque motor a joint."""
+    """MJCF with armature, friction loss, damping, springs, payload and one torque motor per joint."""
     return make_spec(model, held).to_xml()
 
 
 def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
-    """Settings of Isaac Lab's actuators by joint, named as its ``ImplicitActuatorCfg`` has them.
+    """Settings of Isaac Lab's actuators by joint, named as in its ``ImplicitActuatorCfg``.
 
-    Its friction is static at rest and dynamic in motion [N m or N]; where friction falls with the speed, the
-    static one is that at rest.
+    It has static friction at rest and dynamic friction in motion [N m or N]. Where friction falls with the
+    speed, its value at rest is the static friction.
     """
     settings, tree = {}, parse_urdf(model.urdf_text)
     for j, name in enumerate(model.joints):
@@ -211,9 +194,9 @@ def write_isaac_lab(model: RobotModel, held: Holdings) -> str:
 
 
 def own_limits(model: RobotModel, tree: Tree, name: str) -> tuple[float, float]:
-    """Torque and speed limit of a joint: the URDF's, as those of a corrected model are the recordings'.
+    """Torque and speed limit of a joint by the URDF, since a corrected model's limits are the recordings'.
 
-    The model's limit where the URDF states none; infinite where the model states none either.
+    Where the URDF states none, it is the model's limit; where that states none either, it is infinite.
     """
     stated, j = next(joint for joint in tree.joints if joint.name == name), model.joints.index(name)
     speed = np.inf if model.drive.speed_limit is None else float(model.drive.speed_limit[j])
@@ -222,7 +205,7 @@ def own_limits(model: RobotModel, tree: Tree, name: str) -> tuple[float, float]:
 
 
 def make_spec(model: RobotModel, held: Holdings) -> mujoco.MjSpec:
-    """The robot as MuJoCo builds it."""
+    """MuJoCo's specification of the robot, from which it is compiled or written as MJCF."""
     tree = _mount_payload(held)
     spec = mujoco.MjSpec()
     spec.modelname = model.name
@@ -255,7 +238,7 @@ def _add_joint(
     if held.stiffness[j] > 0.0:
         joint.stiffness = [float(held.stiffness[j]), 0.0, 0.0]
         joint.springref = float(-held.preload[j] / held.stiffness[j])
-    # The robot's own limits: those of a corrected model are the recordings'.
+    # The URDF's limits are taken, since a corrected model's limits are the recordings'.
     if max(abs(stated.lower), abs(stated.upper)) < OPEN_LIMIT:
         joint.limited, joint.range = True, [float(stated.lower), float(stated.upper)]
     add_gear(spec, body, joint, held, j)

@@ -1,4 +1,4 @@
-"""Which of a model's effects a format can hold, and which are left out."""
+"""Numbers of a model that each format can hold, and the effects that it cannot hold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from wearscope.simulation.plant import build_plant
 
 URDF, MJCF, ISAAC = "URDF", "MJCF", "Isaac Lab"
 FORMATS = (URDF, MJCF, ISAAC)
-#: Effects that bodies and rotors of the model hold already.
+#: Effects that are part of the model's bodies and rotors.
 BODIES = (RigidBodyEffect, ArmatureEffect, PayloadEffect, InertialEffect)
 #: Passive terms that each format lacks.
 LACKS = {
@@ -40,8 +40,8 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
-#: Highest frequency [rad/s] of a gear with the inertia on its two sides, and of a joint's inertia on the
-#: bristles of its friction where the model knows no displacement. Coupled, eight joints of this frequency
+#: Highest frequency [rad/s] of a gear with the inertias on its two sides, and of a joint's inertia on the
+#: bristles of its friction where the model states no displacement. Eight coupled joints of this frequency
 #: stay below the 2000 rad/s that a step of 1 ms can follow.
 FASTEST = 700.0
 #: Least radius of gyration of a corrected body [m].
@@ -67,7 +67,7 @@ class Left:
 
 @dataclass
 class Holdings:
-    """Numbers of a model that formats take, by joint, and what they leave out.
+    """Numbers of a model that formats can hold, by joint, and the effects that they leave out.
 
     Attributes
     ----------
@@ -76,23 +76,24 @@ class Holdings:
     damping, quadratic : ndarray (n,)
         Factors of v and of v abs(v).
     armature : ndarray (n,)
+        Inertia of the rotor at the joint.
     stiffness, preload : ndarray (n,)
-        The motor supplies stiffness q + preload.
+        Spring against which the motor needs the torque stiffness q + preload.
     body : RigidBody
-        With the payload, both as corrected.
+        Corrected bodies with the corrected payload.
     corrected : ndarray (n, 10)
-        Corrections of the links' inertial parameters in the model, those of the payload at the last link.
+        Corrections of the links' inertial parameters; those of the payload are at the last link.
     by_load : ndarray (n,)
-        Coulomb friction over the load, which `friction` holds at one load.
+        Coulomb friction over the load; `friction` includes it at one load.
     left : list of Left
     falling : dict of int to list
-        By joint: level, speed and exponent of friction that falls with the speed.
+        Level, speed and exponent of each friction that falls with the speed, by joint.
     presliding : dict of int to list
-        Level, and displacement over which it turns round.
+        Level of each presliding friction, and the displacement over which it reverses, by joint.
     wave : dict of int to list
-        Cosine, sine and wavenumber of a torque that goes with the position.
+        Cosine, sine and wavenumber of each torque wave over the position, by joint.
     gear : dict of int to tuple
-        Compliance, lost motion and the torque that takes it up.
+        Compliance, lost motion and the torque that takes it up, by joint.
     """
 
     friction: Array
@@ -111,12 +112,12 @@ class Holdings:
     gear: dict[int, tuple[float, float, float]] = field(default_factory=dict)
 
     def gear_inertia(self, j: int) -> float:
-        """Inertia of a gear's two sides against each other at home, the other links free [kg m^2 or kg]."""
+        """Reduced inertia of a gear's two sides [kg m^2 or kg], all joints at 0 and the other links free."""
         mobility = np.linalg.inv(self.body.mass_matrix(np.zeros(len(self.friction))))
         return 1.0 / float(mobility[j, j] + 1.0 / self.armature[j])
 
     def torque(self, v: Array, a: Array, q: Array, load: Array, format: str = MJCF) -> Array:
-        """Torque (N, n) that is held, with the rigid body's `load` (N, n)."""
+        """Torque (N, n) of the numbers that a format holds, including the rigid body's `load` (N, n)."""
         held = load + self.friction * np.sign(v) + self.damping * v
         if format == MJCF:
             held = (
@@ -138,7 +139,7 @@ def without_motors(held: Holdings) -> Holdings:
 
 
 def held_by(held: Holdings, format: str) -> Holdings:
-    """A format's holdings in a form that MuJoCo can run."""
+    """Holdings with what a format holds and nothing else, so that MuJoCo can run any format."""
     if format == MJCF:
         return held
     zero = np.zeros_like(held.friction)
@@ -147,15 +148,15 @@ def held_by(held: Holdings, format: str) -> Holdings:
 
 
 def take_holdings(model: RobotModel, temperature: float, load: Array | None = None) -> Holdings:
-    """What URDF and MJCF hold of a model without wear at a temperature [deg C].
+    """Numbers of a model without wear that the formats can hold.
 
     Parameters
     ----------
     model : RobotModel
     temperature : float
-        At which friction that depends on it is taken.
+        Temperature for friction that depends on it [deg C].
     load : ndarray (n,), optional
-        At which friction that depends on it is taken [N m or N]; that at home by default.
+        Load for friction that depends on it [N m or N]; that in the home posture by default.
     """
     plant = build_plant(model)
     body = model.rigid_body(model.declared_payload)
@@ -184,7 +185,7 @@ def take_holdings(model: RobotModel, temperature: float, load: Array | None = No
 
 
 def _take_gears(held: Holdings, model: RobotModel, plant: Plant) -> None:
-    """Gears that yield, as stiff as MuJoCo's step allows."""
+    """Add the gears that yield; one that is too stiff for MuJoCo's step is made softer."""
     for j in np.flatnonzero((plant.compliance > 0.0) | (plant.lost_motion > 0.0)).tolist():
         if not held.armature[j] > 0.0:
             _leave(
@@ -236,12 +237,12 @@ def _take(
 
 
 def _leave(held: Holdings, formats: Sequence[str], joint: str, effect: str, reason: str) -> None:
-    """Note in each of some formats that an effect is left out."""
+    """Note that some formats leave out an effect."""
     held.left += [Left(format, joint, effect, reason) for format in formats]
 
 
 def _take_inertials(held: Holdings, model: RobotModel) -> None:
-    """Corrected inertial parameters of links, and of the payload, as bodies that can exist."""
+    """Correct the inertial parameters of links and payload, each to those of a body that can exist."""
     if not np.any(held.corrected):
         return
     links = held.body.inertial_parameters.reshape(model.n, -1)
@@ -268,18 +269,18 @@ def _take_inertials(held: Holdings, model: RobotModel) -> None:
 
 
 def make_possible(parameters: Array) -> tuple[Inertia, float]:
-    """Body with given mass and centre of mass, its moments raised to those of one that can exist.
+    """Body with given mass and centre of mass, its moments raised until such a body can exist.
 
     Parameters
     ----------
     parameters : ndarray (10,)
-        With a positive mass.
+        Inertial parameters, the mass positive.
 
     Returns
     -------
     body : Inertia
     grown : float
-        Largest change of a moment of inertia [kg m^2]; 0 where such a body exists.
+        Largest change of a moment of inertia [kg m^2]; 0 where the stated body can exist.
     """
     stated = Inertia.from_parameters(parameters)
     # Second moments of the mass: a body exists where none of them is negative.

@@ -29,7 +29,7 @@ def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None)
     ----------
     model : RobotModel
     verdict : mapping, optional
-        ``verdict.json`` of the loop that made the model: its intervals.
+        ``verdict.json`` of the loop that made the model, which has the intervals.
 
     Returns
     -------
@@ -45,8 +45,7 @@ def list_parameters(model: RobotModel, verdict: Mapping[str, Any] | None = None)
         units = {p.name: p.unit_at(model.position_units[j], model.torque_units[j]) for p in effect.parameters}
         for name, value in entry.parameters.items():
             low, high = intervals.get((entry.joint, effect.name, name), (np.nan, np.nan))
-            # A joint may have the same effect several times: the interval that contains the value belongs to
-            # it.
+            # A joint may have the same effect several times; an interval without the value is another one's.
             if not low <= value <= high:
                 low = high = np.nan
             rows.append((entry.joint, effect.name, name, value, low, high, units[name], entry.source))
@@ -81,11 +80,11 @@ def export_model(
     ----------
     model : RobotModel
     folder : path-like
-        Gets `FILES`.
+        Folder in which `FILES` are written.
     verdict : mapping, optional
-        For the parameters' intervals.
+        ``verdict.json``, for the parameters' intervals.
     temperature : float
-        At which friction that depends on it is written [deg C].
+        Temperature for friction that depends on it [deg C].
     reference : Reference, optional
         Motion along which MuJoCo's torque is compared; moves between drawn postures by default.
 
@@ -156,7 +155,7 @@ def read_verdict_of(path: Path) -> dict[str, Any] | None:
     Raises
     ------
     InputError
-        Where it is none.
+        Where that file is no verdict.
     """
     file = path.parent / "verdict.json"
     return read_verdict(file) if file.is_file() else None
