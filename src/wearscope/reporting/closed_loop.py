@@ -34,10 +34,10 @@ _SIGNALS = {
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """One closed loop's outcome: ``verdict.json`` and its tables; a table that the loop did not make is None.
+    """Outcome of one closed loop: ``verdict.json`` and its tables, None where the loop made none.
 
-    `models` are the model files by stage, `links` mass [kg] and centre of mass [m] of each link by stage, and
-    those of the robot's own URDF as `declared` where it is known.
+    `models` holds the model files by stage. `links` holds mass [kg] and centre of mass [m] of each link by
+    stage; the stage ``declared`` is the robot's own URDF, where it is known.
     """
 
     verdict: Mapping[str, Any]
@@ -58,9 +58,10 @@ class ClosedLoop:
         return [entry for entry in self.verdict["verdict"] if entry["joint"] == joint]
 
     def foremost(self) -> str:
-        """The joint shown first: corrected, else refuted, unexplained, named; else of the largest error."""
+        """The joint shown first: that of a confirmed effect, else the first by `rank`."""
 
         def rank(joint: str) -> tuple[int, float]:
+            """Joints with a refuted effect, then unexplained, then named ones, then by the largest error."""
             statuses = {entry["status"] for entry in self.entries_at(joint)}
             one = self.verdict["joints"][joint]
             unexplained = one["state"] == "unexplained"
@@ -108,12 +109,12 @@ def _read_links(urdf: str) -> dict[str, tuple[float, tuple[float, ...]]]:
 
 
 def number(value: Any) -> float:
-    """A JSON number; what is null is not a number."""
+    """A JSON number as a float; null is NaN."""
     return np.nan if value is None else float(value)
 
 
 def bounded(value: float, interval: Sequence[Any] | None) -> str:
-    """A value with its interval, where there is one."""
+    """Text of a value with its interval, where there is one."""
     low, high = map(number, interval or (None, None))
     return interval_text(value, low, high)
 
@@ -135,7 +136,7 @@ def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
 
 
 def _split(loop: ClosedLoop, name: str) -> tuple[str, str] | None:
-    """Column and joint of a signal's name; None where the tables lack the signal."""
+    """Code and joint in a signal's name; None where the tables lack the signal."""
     code, _, joint = name.partition("_")
     held = code in ("q", "qd", "qdd", "load", "temp") and joint in loop.joints
     return (code, joint) if name == "t" or held else None
@@ -179,7 +180,7 @@ Event = Mapping[str, Any]
 
 
 def join_events(events: Sequence[Event]) -> list[list[Event]]:
-    """Entries that overlap in time in a run, as a push at the flange is felt by several joints.
+    """Groups of entries that overlap in time in a run, since several joints feel a push at the flange.
 
     >>> push = {"run": "r", "joint": "a", "t": 1.0, "seconds": 0.3, "size": 2.0}
     >>> [len(one) for one in join_events([push, push | {"joint": "b", "t": 1.2}, push | {"t": 4.0}])]
@@ -200,7 +201,7 @@ def _end(event: Sequence[Event]) -> float:
 
 
 def render_event_table(events: Sequence[Event], units: Mapping[str, str]) -> Markup:
-    """A row for each event, with the torque at each joint that feels it; units are left out where unknown."""
+    """Table with a row for each event and the torque at each joint that feels it; `units` may be empty."""
     rows = [
         {"run": one[0]["run"], "starts at [s]": f"{one[0]['t']:.2f}"}
         | {"lasts [s]": f"{_end(one) - one[0]['t']:.2f}"}

@@ -86,14 +86,14 @@ _LEFT = {
     "not_judged": ("unsure", "not judged"),
 }
 _WORDS = "loop/strip.html"
-#: Bound on the false alarms an hour from which on it is useless.
+#: Largest bound on the false alarms per hour that is worth showing.
 _MOST_ALARMS = 60.0
-#: Of a card's picture: width, height, points.
+#: Width and height of a card's picture; largest number of points in it.
 _WIDTH, _HEIGHT, _POINTS = 320, 76, 200
 
 
 def loop_strip(loop: ClosedLoop) -> Strip:
-    """What the model lacks, and whether it got better."""
+    """Strip of the page: what the model lacks, and whether the correction makes it better."""
     kind, text = conclude_loop(loop.verdict)
     told = describe(loop)
     sure, caveat = (say(_WORDS, part, told).striptags() for part in ("sure", "caveat"))
@@ -101,7 +101,7 @@ def loop_strip(loop: ClosedLoop) -> Strip:
 
 
 def describe(loop: ClosedLoop) -> SimpleNamespace:
-    """What the words of the strip need of a closed loop."""
+    """Values of a closed loop that the strip's template needs."""
     verdict, entries, joints = loop.verdict, loop.verdict["verdict"], loop.verdict["joints"]
     statuses, unjudged = [one["status"] for one in entries], joints_in(verdict, "not_judged")
     left = list_unexplained(verdict, small=False)
@@ -159,7 +159,7 @@ def doubt_simulation(forward: pd.DataFrame | None) -> str:
 
 
 def render_outcome(loop: ClosedLoop) -> Markup:
-    """A card for what the robot has once and for each joint, the worst first."""
+    """Cards: one for effects of the whole robot and one for each joint, the worst first."""
     once = [one for one in loop.verdict["verdict"] if one["effect"] in list_shared()]
     cards = [{"title": "The robot", "joint": "", "effects": _tell_effects(once)}] if once else []
     cards += [describe_joint(loop, joint) for joint in loop.joints]
@@ -282,7 +282,7 @@ def _colour(card: Mapping[str, Any]) -> str:
 
 
 def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Rows of fitted parameters, one for all heights of a spline; fixed parameters stand with the name."""
+    """Rows of fitted parameters, one for a spline's heights; fixed parameters follow the effect's name."""
     rows = [
         (
             parameter_name(name),

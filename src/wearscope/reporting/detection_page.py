@@ -1,4 +1,4 @@
-"""The page of detectors on recordings: alarms, then every value on one axis with the simulated ones."""
+"""The page of detectors on recordings: alarms first, then all recorded and simulated values on one axis."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -40,10 +40,10 @@ from wearscope.storage import tables
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
 #: An alarm is told with the difference of temperature where that is larger than this [K].
 WARMER = 1.0
-#: Verdicts of a joint and detector in order; a recording takes the first of those that its joints have.
+#: Verdicts by rank; a recording has the highest-ranked verdict of its joints and detectors.
 _ORDER = ("alarm", "unchecked", "no alarm", "withheld", "failed")
 _WORDS = "detection/words.html"
-#: Colour of what is said first; any other verdict is unsure.
+#: Colour of the strip by the verdict that it tells first; any other verdict is unsure.
 _KINDS = {"alarm": "bad", "no alarm": "good"}
 #: Kind of conclusion on a recording by its verdict; any other verdict is a notice.
 _SAID = {"alarm": "alarm", "no alarm": "plain"}
@@ -85,12 +85,12 @@ def read_detections(folder: str | Path) -> Detections:
 
 
 def lead_verdicts(judged: pd.DataFrame) -> pd.Series:
-    """Verdict of each judged recording: the first in `_ORDER` that a joint and detector of it has."""
+    """Verdict of each judged recording: the first in `_ORDER` that one of its joints and detectors has."""
     return judged.groupby("run", sort=False)["verdict"].agg(lambda own: min(own, key=_ORDER.index))
 
 
 def detection_strip(found: Detections) -> Strip:
-    """Whether any detector alarms on the recordings, and if none does, which wear would have shown."""
+    """Strip of the page: whether any detector alarms; if none does, which wear would have shown."""
     told = describe(found)
     kind = (
         "unsure" if told.first == "no alarm" and told.number < told.all else _KINDS.get(told.first, "unsure")
@@ -101,7 +101,7 @@ def detection_strip(found: Detections) -> Strip:
 
 
 def describe(found: Detections) -> SimpleNamespace:
-    """What the words of the strip need of all recordings."""
+    """Values of all recordings that the strip's template needs."""
     lead = lead_verdicts(found.judged)
     first, runs = min(lead, key=_ORDER.index), lead.value_counts()
     own = found.judged[(found.judged["verdict"] == first) & (first in ("alarm", "unchecked"))]
@@ -151,7 +151,7 @@ def conclude(found: Detections) -> list[tuple[str, str]]:
 
 
 def _describe_outcome(rows: pd.DataFrame) -> tuple[list[Any], list[str], list[Any]]:
-    """Of a recording: places of its alarms by detector, joints that were warmer there, what is left open."""
+    """Places of a recording's alarms by detector, joints that were warmer there, what has no answer."""
     alarms = rows[rows["verdict"] == "alarm"]
     places = [
         (fda, [f"{row.joint}{_tell_like(row.wear)}" for row in own.itertuples()])
@@ -171,12 +171,12 @@ def _describe_outcome(rows: pd.DataFrame) -> tuple[list[Any], list[str], list[An
 
 
 def _tell_like(wear: float) -> str:
-    """Simulated wear that gives such a value; empty where it is not known."""
+    """Words for the simulated wear that gives the same value; empty where it is not known."""
     return f" (as at wear {format_number(float(wear), 2)})" if np.isfinite(wear) else ""
 
 
 def tell_scatter(found: Detections) -> list[Markup]:
-    """Scatter of the machine compared with the simulator's, in words."""
+    """Sentences on the machine's scatter compared with the simulation's."""
     table = found.thresholds[found.thresholds["reason"] == ""]
     known = table[np.isfinite(table["widening"].astype(float))]
     wide = known[known["scatter_ratio"] > 1.0].sort_values("scatter_ratio")
@@ -191,7 +191,7 @@ def tell_scatter(found: Detections) -> list[Markup]:
 
 
 def tell_factors(found: Detections) -> list[Markup]:
-    """Which factors move nothing in the simulated runs."""
+    """Sentences on factors that change no torque in the simulated runs."""
     return [
         say(
             _WORDS,
@@ -221,9 +221,9 @@ KINDS = {
     "judged": ("recorded, judged", "var(--before)"),
 }
 _CELL = ["motion", "joint", "fda"]
-#: Empty values: a column that has no other values is left out.
+#: Values that count as empty; a column without others is left out.
 _NOTHING = {"", "nan", "n/a", "None"}
-#: Rows of a table that is shown unfolded.
+#: Largest number of rows of a table that is shown unfolded.
 _MOST_SHOWN = 40
 
 
@@ -263,10 +263,10 @@ def render_detection(found: Detections) -> str:
 
 
 def axis_tables(found: Detections) -> dict[str, pd.DataFrame]:
-    """Simulated spans and recorded points: 0 is the median without wear, 1 the alarm threshold.
+    """Simulated spans and recorded points on an axis where 0 is the median without wear, 1 the threshold.
 
-    ``spans``: 95 % of the runs and their quartiles; ``points``: one recording each. Cells without a threshold
-    have none.
+    ``spans`` has the range of 95 % of the runs and their quartiles, ``points`` one row per recording. Cells
+    without a threshold are left out.
     """
     cells = found.thresholds[[*_CELL, "threshold", "unit"]].set_index(_CELL)
     unworn = found.simulated[found.simulated["kind"] == "simulated"]

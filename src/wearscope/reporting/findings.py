@@ -21,7 +21,7 @@ from wearscope.reporting.page import format_number
 from wearscope.reporting.study import Study
 
 PAPER_MODULES = {"A": "residual_energy", "B": "distribution_distance", "C": "friction_fit"}
-"""Modules in the place of the paper's confidential detectors."""
+"""Modules that replace the paper's confidential detectors."""
 LARGE, EQUAL, SMALL = 0.5, 1.0, 0.25
 """Median |normalised coefficient| that counts as considerable, as much as wear, and insignificant."""
 FEW_CELLS = "This study has too few cells for an interval."
@@ -45,8 +45,8 @@ class Finding:
 def compare_with_paper(study: Study) -> list[Finding]:
     """Findings of the paper's Secs. 6.1 to 6.4, each compared with this study's own tables.
 
-    Intervals are 95 %, over the choice of cells (robot, test-cycle, axis resampled together for all
-    detectors).
+    Intervals (95 %) are over the choice of cells: combinations of robot, test-cycle and axis are resampled,
+    the same ones for all detectors.
     """
     names = {
         letter: name
@@ -114,9 +114,9 @@ def _judge(
     statistic: Callable[[np.ndarray], np.ndarray] = nan_median,
     units: tuple[str, str] = ("", ""), note: str = "",
 ) -> Finding:  # fmt: skip
-    """A finding from a number of some detectors: each above a limit, or a pair's first above its second.
+    """Finding on one quantity of several detectors: each exceeds a limit, or the first of a pair the second.
 
-    `units` are those of the numbers and of their differences.
+    `units` are those of the quantity and of its differences.
     """
     known = estimate_columns(wide, statistic)
     gaps = [(f"{one} less {other}", estimate_difference(wide, one, other, statistic)) for one, other in pairs]
@@ -130,7 +130,7 @@ def _judge(
 
 
 def _pairs(names: dict[str, str], pairs: Sequence[str]) -> list[tuple[str, str]]:
-    """Names of pairs of letters that the study has."""
+    """Names of the detectors of each pair of letters, where the study has both."""
     return [(names[pair[0]], names[pair[1]]) for pair in pairs if set(pair) <= set(names)]
 
 

@@ -52,18 +52,18 @@ class Answer:
     Attributes
     ----------
     path : str
-        Of the page in the folder; empty where another has taken its place.
+        Path of the page in the folder; empty where another page has replaced it.
     kind, name : str
-        What made it, and what it is about.
+        Kind of result, such as ``diagnosis``, and its name.
     when : str
-        UTC.
+        Time at which the page was written (UTC).
     strip : Strip
     digest : str
-        Of the page.
+        SHA-256 of the page.
     values : mapping of str to float
-        What is followed over time, by what it is of.
+        Values that are followed over time, by joint or detector.
     version, settings : str
-        Of wearscope, and a digest of the settings; empty where they were not kept.
+        Version of wearscope, and digest of the settings; empty where they were not kept.
     """
 
     path: str
@@ -78,7 +78,7 @@ class Answer:
 
 
 def find_answers(folder: Path) -> list[Answer]:
-    """Answers below a folder, newest first: those of its pages, and those that were written over."""
+    """Answers below a folder, newest first: those of its pages, and kept ones of replaced pages."""
     found = [
         one
         for page in folder.rglob("report.html")
@@ -107,14 +107,14 @@ def read_answer(folder: Path, page: Path) -> Answer | None:
 
 
 def keep_answer(folder: Path, page: Path, settings: str) -> None:
-    """Add a page's answer as a line to the folder's `KEPT`, which reruns do not write over.
+    """Add a page's answer as a line to the folder's `KEPT`, which reruns do not overwrite.
 
     Parameters
     ----------
     folder : Path
-        Of all results.
+        Folder of all results.
     page : Path
-        Below it; one that is not there, has no strip or was kept before adds nothing.
+        Page below it. One that is missing, has no strip or was kept before adds nothing.
     settings : str
         Text of the settings, of which the digest is kept.
     """
@@ -150,7 +150,7 @@ def render_history(folder: Path, found: list[Answer]) -> str:
     Parameters
     ----------
     folder : Path
-        The page lies in it, as its links are relative.
+        Folder of the page, to which its links are relative.
     found : list of Answer
         From `find_answers`, at least one.
     """
@@ -216,7 +216,7 @@ def _read_values(place: Path, kind: str) -> dict[str, float]:
 
 
 def _chart(name: str, rows: pd.DataFrame) -> Chart:
-    """One quantity over the times at which it was found, a line a joint or detector."""
+    """Chart of one quantity over time, with a line per joint or detector."""
     labels = alt.Axis(labelAngle=-30, labelExpr="slice(datum.label, 5, 16)")
     spec = (
         named(name)

@@ -1,4 +1,4 @@
-"""Words and symbols of tables as figures and pages say them."""
+"""Words and symbols that figures and pages use for the names and codes in tables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ COLUMNS = {
     "interval_from": "interval from", "rank_low": "rank from", "rank_high": "rank to",
     "first_reason": "first reason",
 }  # fmt: skip
-#: Readable names of parameters whose code alone would say too little.
+#: Readable names of parameters whose code alone says too little.
 PARAMETERS = {
     "eta0": "Coulomb friction", "eta1": "low-speed friction", "eta5": "viscous friction",
     "eta7": "low-speed friction of wear", "eta8": "its speed",

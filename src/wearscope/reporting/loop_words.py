@@ -35,7 +35,7 @@ def _say(macro: str, *given: Any) -> str:
 
 
 def list_shared() -> set[str]:
-    """Effects that the robot has once and every joint feels."""
+    """Names of effects of the whole robot, such as a payload, which act on every joint."""
     # Imported here: it brings compiled code, and a study without a loop does not need it.
     from wearscope.effects.vocabulary import list_effects
 

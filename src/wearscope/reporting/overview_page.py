@@ -48,11 +48,11 @@ def render_overview(study: Study, overview: pd.DataFrame, pages: Mapping[str, st
     Parameters
     ----------
     study : Study
-        Without its tables by cell (surrogates, validation, fits, snr, scope, checks), which are not asked.
+        The study; its tables by cell (surrogates, validation, fits, snr, scope, checks) are not needed.
     overview : DataFrame
         From `wearscope.evaluation.conclusion`, the worst first.
     pages : mapping of str to str
-        By robot, where its own page is, relative to this one.
+        Path of each robot's own page, relative to this page.
     """
     robots, strip = overview["robot"].nunique(), study_strip(study, pages=True)
     config = study.config

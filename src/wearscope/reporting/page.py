@@ -80,7 +80,7 @@ def say(template: str, macro: str, *given: Any) -> Markup:
 
 
 def say_lines(template: str, macro: str, *given: Any) -> list[Markup]:
-    """Lines of such a macro that have text, a sentence each."""
+    """Sentences of a template's macro, one for each line that has text."""
     text = str(getattr(environment().get_template(template).module, macro)(*given))
     return [Markup(" ".join(line.split())) for line in text.split("\n") if line.strip()]
 
@@ -122,21 +122,21 @@ def render_page(
     ----------
     title : str
     sections : sequence of Section
-        The first one is what a reader in a hurry reads.
+        Sections in order; the first one is for a reader in a hurry.
     subtitle : str
         One line of text under the title.
     footer : str
         One line of text at the end.
     filters : sequence of Choice
-        What all charts and tables are filtered by; those with fewer than two options are left out.
+        Filters of all charts and tables; those with fewer than two options are left out.
     tables : mapping of str to DataFrame, optional
-        What the charts draw, by the name that their sources give.
+        Tables that the charts draw, by the name in their sources.
     labels : mapping of str to mapping, optional
-        Text of a choice's value, by choice; ``column`` holds those of the tables' columns.
+        Labels of values, by choice; ``column`` holds those of the tables' columns.
     strip : Strip, optional
         The answer, how sure it is, its caveat and what to do next.
     picture : str
-        What shows the answer, under the strip.
+        HTML of a chart under the strip that shows the answer.
 
     Returns
     -------
@@ -183,12 +183,12 @@ def _read(name: str) -> Markup:
 
 
 def embed_json(value: Any) -> Markup:
-    """JSON that may stand within a script element."""
+    """JSON text that is safe inside a script element."""
     return Markup(json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c"))
 
 
 def embed_chart(*charts: Chart) -> Markup:
-    """Figure elements of charts that a reader can ask; `render_page` must get the tables that they draw."""
+    """HTML of interactive charts; `render_page` must get the tables that they draw."""
     drawn = [(chart, embed_json(chart.definition())) for chart in charts]
     return Markup("").join(render_template("chart.html", chart=one, definition=text) for one, text in drawn)
 
@@ -200,7 +200,7 @@ def embed_figure(file: str | Path, alt: str, caption: str = "") -> Markup:
     ----------
     file : path-like
     alt : str
-        What the picture shows, for who does not see it.
+        Text of what the picture shows, for readers who cannot see it.
     caption : str
         Text or `Markup` under it.
     """
@@ -267,13 +267,13 @@ def render_table(
         Rows that hold `Markup` must be mappings: pandas makes plain strings of a column of it.
     caption : str
     digits : int
-        Of the numbers shown.
+        Significant digits of the numbers.
     filter_by : mapping of str to str, optional
-        Column and the page's filter that hides the rows of its other values.
+        The page's filter by column; it hides rows with other values of this column.
     cells : sequence of mapping
-        By row, its values for the page's filters, where no column holds them.
+        Values for the page's filters by row, where no column holds them.
     columns : str
-        Those that are shown, and what they are called where it is not their name: ``fda|detector; joint``.
+        Columns to show, each with its title where that is not its name: ``fda|detector; joint``.
     """
     if not isinstance(table, pd.DataFrame):
         table = pd.DataFrame(list(table), dtype=object)

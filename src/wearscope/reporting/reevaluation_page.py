@@ -87,13 +87,13 @@ def draw_change(one: Reevaluation) -> Markup:
 
 
 def _summarise(one: Reevaluation) -> Markup:
-    """What is withheld or assumed, and every SNR."""
+    """Answers that are withheld, assumptions, and the chart of every SNR."""
     notes = say_lines(_WORDS, "assumed", _group_assumed(one))
     return render_part(notes=notes, parts=[draw_change(one)], listed=tell_withheld(one))
 
 
 def _group_assumed(one: Reevaluation) -> dict[str, list[str]]:
-    """Joints by what was carried over to them."""
+    """Joints by the effect that was carried over to them."""
     found: dict[str, list[str]] = {}
     for name in one.assumed:
         effect, _, joint = name.partition(" at ")
@@ -126,7 +126,7 @@ def _detectors(one: Reevaluation) -> Markup:
 
 
 def _question(one: Reevaluation, question: str) -> Markup:
-    """What surely changed; a sentence where nothing did."""
+    """Table of a question's answers that surely changed; a sentence where none did."""
     own = one.table[one.table["question"] == question]
     rows = own[own["p_changed"] >= SURE]
     if rows.empty:

@@ -1,4 +1,4 @@
-"""Everything that a study's report is made from."""
+"""Tables and settings of a finished study, from which its report is made."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Tables of a finished study and what goes with them.
+    """Tables and settings of a finished study.
 
-    Tables are as the stages write them, None or empty where the study did not ask for one: `snr` is that of
-    the surrogate that answers, `paper_snr` that of the paper's model (3). `loops` is ``verdict.json`` by data
-    set, where the demonstration is called ``twin``, and `planted` what was planted in it. `figures` are files
-    and `sources` where each robot's numbers come from, by name. `conclusions` are of all robots together,
-    then of each where there are several. `units` are those of the detectors' test quantities.
+    Tables are as the stages write them, and None or empty where the study did not ask for one. `snr` is from
+    the surrogate that answers, `paper_snr` from the paper's model (3). `loops` holds ``verdict.json`` by data
+    set; the demonstration is called ``twin``, and `planted` is the truth that was planted in it. `figures`
+    holds files by name, `sources` the origin of each robot's numbers by robot. `conclusions` has that on all
+    robots together first, then one for each where there are several. `units` are those of the detectors' test
+    quantities.
     """
 
     config: Mapping[str, Any]
@@ -92,11 +93,11 @@ class Study:
         return self.conclusions[0].detector if self.conclusions else ""
 
     def upper(self) -> list[str]:
-        """Detectors that are told the simulator's law: upper bounds."""
+        """Detectors that are given the simulator's friction law, and so are upper bounds."""
         return self.conclusions[0].upper if self.conclusions else []
 
     def withheld(self) -> list[str]:
-        """Detectors whose answers to Q-2 and Q-3 the audit does not let stand."""
+        """Detectors whose answers to Q-2 and Q-3 are withheld, as the audit contradicts them."""
         table = self.audit_answers
         return [] if table is None else sorted(table.loc[table["answer"] == "withheld", "fda"])
 

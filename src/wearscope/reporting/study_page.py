@@ -1,4 +1,4 @@
-"""The report of a study: one page that concludes, answers the three questions and lets itself be asked.
+"""The report of a study: one page with a conclusion, answers to the three questions, interactive charts.
 
 Below the answers is their background: the paper's findings, simulations, assumptions, provenance.
 """
@@ -123,12 +123,12 @@ def render_study(study: Study, findings: Sequence[Finding]) -> str:
 
 
 def _first(study: Study) -> dict[str, str]:
-    """The detector shown first where a chart shows only one."""
+    """Filter value of charts that show only one detector: the recommended one comes first."""
     return {"fda": study.recommended()} if study.recommended() else {}
 
 
 def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
-    """Sentences that the conclusion leaves open, then the first sentences of each answer."""
+    """Points that the conclusion leaves open, then the first sentences of each answer."""
     cards = [
         (title, told[name][:MOST], name, more)
         for title, name, more in (
@@ -300,7 +300,7 @@ VERDICT_KINDS = {
 
 
 def render_trust(study: Study, sentences: Sequence[str]) -> Markup:
-    """Chosen surrogates, sentences that the conclusion leaves out, failed points."""
+    """Section on trust: chosen surrogates, sentences that its card leaves out, failed points."""
     told = (
         (study.failed_simulations, "Every point whose simulation failed."),
         (study.failures, "Every cell and set at a point of which the detector failed."),

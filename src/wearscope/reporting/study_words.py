@@ -86,7 +86,7 @@ def _asked_fits(study: Study) -> tuple[str, str, pd.DataFrame]:
 
 
 def audit_outcome(study: Study) -> list[Markup]:
-    """Result of checking the surrogates by direct simulation, or that nobody asked for it."""
+    """Result of checking the surrogates by direct simulation, or that the study did not ask for it."""
     audit, verdicts = study.audit, study.audit_verdicts
     if audit is None or audit.empty:
         return say_lines(_TRUST, "audit", None)
@@ -183,7 +183,10 @@ def tell_moved(study: Study, detector: str) -> str:
 
 
 def ask_moved(study: Study) -> list[Markup]:
-    """Commands that ask what half or double the friction changes, where it is assumed and not asked yet."""
+    """Commands that compute what half or double the friction changes, where friction is assumed.
+
+    There are none where the study has computed that already.
+    """
     if not assumed_robots(study) or _COULOMB in study.config["direct"]["mismatch"]:
         return []
     setting = f'direct.mismatch={{"{_COULOMB}": 100}}'
@@ -253,21 +256,21 @@ def surrogate_quality(study: Study) -> Markup:
     return say(_TRUST, "quality", found)
 
 
-#: Share of a joint's top speed at which a wear level is told as friction.
+#: Share of a joint's top speed at which a wear level is expressed as friction.
 SPEED = 0.1
-#: Caveat of a study whose answer nothing else limits more.
+#: Caveat of a study where no other caveat is more important.
 SIMULATED = "Everything is simulated; recordings of the robot say how well (wearscope diagnose)."
 _STRIP = "study/strip.html"
 
 
 def study_strip(study: Study, pages: bool = False) -> Strip | None:
-    """Which detector to use, one recommendation a robot; None where the study did not come so far.
+    """Strip of the study: which detector to use, by robot where they differ; None without a conclusion.
 
     Parameters
     ----------
     study : Study
     pages : bool
-        Whether each robot has a page of its own, with its thresholds and with what limits the answer.
+        Whether each robot has a page of its own, with its thresholds and its caveat.
     """
     if not study.conclusions:
         return None
@@ -287,7 +290,7 @@ def recommendations(study: Study) -> Sequence[Conclusion]:
 
 
 def describe(study: Study, one: Conclusion, pages: bool = False) -> SimpleNamespace:
-    """Values of a recommendation that the strip's words need."""
+    """Values of a recommendation that the strip's template needs."""
     rise = friction_rise(study, one.wear, one.robot) if np.isfinite(one.wear) else None
     less = [study.factor(bound.factor) for bound in one.bounds if _is_narrow(study, bound)]
     shifts = [f"{factor_name(factor)} moves from {_span(*shift(study, factor), factor)}" for factor in less]
@@ -348,7 +351,7 @@ def _span(low: float, high: float, factor: "Factor") -> str:
 
 
 def _caveat(study: Study, shown: Sequence[Conclusion], told: Sequence[SimpleNamespace]) -> str:
-    """What would change the answer most, the first that applies."""
+    """The most important caveat: the first one that applies."""
     codes = [one.detector for one in shown if one.detector]
     known = [
         tell_withheld(study, shown[0]),
@@ -416,7 +419,7 @@ def certainty(study: Study, one: Conclusion) -> str:
 
 
 def thresholds_of(study: Study, one: Conclusion) -> pd.DataFrame:
-    """Thresholds that belong to a conclusion, a row a cell."""
+    """Thresholds that belong to a conclusion, one row per cell."""
     if study.thresholds is None or study.thresholds.empty:
         return pd.DataFrame(columns=["robot", "cycle", "axis", "fda", "threshold", "asked"])
     return study.thresholds[study.thresholds["asked"] == one.robot]
@@ -525,7 +528,7 @@ def best_detector(study: Study) -> list[Markup]:
 
 
 def tolerances(study: Study, factor: str) -> list[Tolerance]:
-    """Variation of a factor that half the cells of each group bear; groups with the largest share first."""
+    """Variation of a factor that half the cells of each group tolerate; the largest share comes first."""
     found = []
     by = list(study.config["scope"]["group_by"])
     asked = study.exact_scope(factor)

@@ -35,7 +35,7 @@ def colours(names: Sequence[str]) -> dict[str, str]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Empty figure of a size [inch] that no window system knows of."""
+    """Empty figure of a size [inch] that opens no window."""
     return Figure(figsize=(width, height))
 
 

@@ -56,11 +56,11 @@ _WEARS = {effect.name for effect in list_effects() if effect.is_friction and not
 _MOST_TOLD = 3
 #: Largest number of panels of changed quantities.
 _MOST_PANELS = 6
-#: Numbers of `smallest_visible`, with unit and scale.
+#: Fields of `smallest_visible`, each with its unit and scale on the page.
 _SEEN = (("friction", "[%]", 100.0), ("mass", "[kg]", 1.0))
 
 
-#: How a sentence begins on friction that changed by wear or by temperature.
+#: Beginning of a sentence on friction that changed by wear or by temperature.
 _OPEN_FRICTION = "The friction of "
 
 
@@ -81,7 +81,7 @@ class Tracking:
         return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
 
     def changed_before(self) -> list[str]:
-        """Earlier sessions with a change, or with an open one at another joint than in the last session."""
+        """Earlier sessions with a change, or with friction that changed elsewhere than in the last one."""
         return [
             one["session"]
             for k, one in enumerate(self.outcome["sessions"][:-1])
@@ -89,7 +89,7 @@ class Tracking:
         ]
 
     def open_changes(self, place: int = -1) -> dict[str, str]:
-        """For each joint whose friction changed in a session, by wear or by temperature, a sentence."""
+        """Sentence for each joint whose friction changed in a session, by wear or by temperature."""
         return {
             joint: text
             for joint in self.joints
@@ -98,7 +98,7 @@ class Tracking:
         }
 
     def open_since(self, joint: str) -> str:
-        """First session since which a joint's friction has changed that way without a break."""
+        """First of the sessions, up to the last one without a break, with such a change at a joint."""
         sessions = self.outcome["sessions"]
         place = len(sessions) - 1
         while place > 0 and joint in self.open_changes(place - 1):
@@ -106,9 +106,9 @@ class Tracking:
         return str(sessions[place]["session"])
 
     def parameters(self) -> dict[str, pd.DataFrame]:
-        """Friction of each joint and every other parameter that changed, by name: a row a session, in order.
+        """Tables of each joint's friction and of every other parameter that changed, by name.
 
-        Healthy sessions, held out, come first.
+        A table has one row per session in order; the healthy sessions, held out, come first.
         """
         table = self.changes
         sessions = [*dict.fromkeys(table.loc[table["healthy"], "session"])]
@@ -183,7 +183,7 @@ def render_tracking(tracking: Tracking) -> str:
 
 
 def tracking_strip(tracking: Tracking) -> Strip:
-    """What changed on a machine in its last session, and what that session cannot tell."""
+    """Strip of the page: what changed in the last session, and what that session does not show."""
     told = describe(tracking)
     kind = "bad" if told.changes else "unsure" if told.hidden or told.passed else "good"
     answer, sure, caveat = (say(_WORDS, part, told).striptags() for part in ("answer", "sure", "caveat"))
@@ -191,7 +191,7 @@ def tracking_strip(tracking: Tracking) -> Strip:
 
 
 def describe(tracking: Tracking) -> SimpleNamespace:
-    """What the words of the strip need of a tracked machine."""
+    """Values of a tracked machine that the strip's template needs."""
     outcome, last = tracking.outcome, tracking.outcome["sessions"][-1]
     changes = [
         f"{change_name(one['effect'], one['joint'])} {_tell_size(tracking, one)}"
@@ -238,7 +238,7 @@ def _tell_size(tracking: Tracking, entry: Mapping[str, Any]) -> str:
 
 
 def tell_left(trend: Mapping[str, Any]) -> str:
-    """Sessions until a joint's friction is at the limit, at its pace so far."""
+    """Number of sessions until a joint's friction reaches the limit at its present pace, in words."""
     left, low, high = np.ceil(np.array(trend.get("sessions_left", [None] * 3), dtype=float))
     if np.isnan(left):
         return "no sure rise"
@@ -246,7 +246,7 @@ def tell_left(trend: Mapping[str, Any]) -> str:
 
 
 def name_limit(outcome: Mapping[str, Any]) -> str:
-    """Limit of the rise of friction for the forecast, and whether it is the default."""
+    """Words for the limit of the rise of friction, and whether it is assumed."""
     assumed = " (an assumed limit)" if outcome.get("friction_limit_assumed") else ""
     return f"+{100 * outcome.get('friction_limit', np.nan):.3g} % friction{assumed}"
 
@@ -273,7 +273,7 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 
 
 def _outcome(tracking: Tracking) -> Markup:
-    """Changes of the last session, what it cannot tell, and the smallest that it would show."""
+    """Changes of the last session, what it does not show, and the smallest change that it would show."""
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
     changes = [*(upper_first(tell_entry(entry)) for entry in last["changes"]), *unknown]
@@ -364,7 +364,7 @@ def _healthy(outcome: Mapping[str, Any]) -> Markup:
 
 
 def trend_table(tracking: Tracking) -> pd.DataFrame:
-    """Friction in per cent of the healthy one's, and every other parameter that changed, by session.
+    """Friction in per cent of the healthy friction, and every other parameter that changed, by session.
 
     Columns: `session`, `value`, `low`, `high`, `state`, `joint`, `what` (a key of `trend_names`), `alarm`
     (where a change would be named; NaN where that is not known).
@@ -399,7 +399,7 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
 
 
 def trend_names(tracking: Tracking) -> dict[str, str]:
-    """What can be drawn over the sessions, with its unit."""
+    """Titles with units of the quantities that can be drawn over the sessions."""
     others = {
         name: with_unit(name, str(rows["unit"].dropna().iloc[0]))
         for name, rows in tracking.parameters().items()
@@ -409,7 +409,7 @@ def trend_names(tracking: Tracking) -> dict[str, str]:
 
 
 def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str, str, pd.DataFrame]]:
-    """By name, a panel of each joint and quantity that changed in any session: title, axis and its rows."""
+    """Panels of the quantities that changed in any session, by name: title, title of the axis, rows."""
     firsts = [one for session in tracking.outcome["sessions"] for one in list_first(session["changes"])]
     wanted: dict[tuple[str, str], None] = {}
     for one in firsts:
@@ -427,7 +427,7 @@ def list_panels(tracking: Tracking, table: pd.DataFrame) -> dict[str, tuple[str,
 
 
 def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> Any:
-    """Values with intervals over the sessions, and where an alarm begins."""
+    """Marks of values with intervals over the sessions, and of the value from which a change is named."""
     looks = {state: look for state, look in _STATES.items() if state in set(table["state"])}
     tints = dict(zip(_STATES, _TINTS, strict=True))
     base = named(source).encode(
@@ -451,13 +451,13 @@ def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> Any:
 
 
 def chart_panel(name: str, title: str, axis: str, rows: pd.DataFrame) -> Chart:
-    """One joint's quantity that changed, over the sessions."""
+    """Chart of one joint's quantity that changed, over the sessions."""
     drawing = _draw_sessions(name, axis, rows).properties(width="container", height=200)
     return Chart(f"{name}-chart", title, drawing, {name: Source(name, {"joint": "joint"})})
 
 
 def chart_trend(names: Mapping[str, str], table: pd.DataFrame) -> Chart:
-    """What a reader chooses of a joint over the sessions."""
+    """Chart of a joint's quantity that a reader chooses, over the sessions."""
     return Chart(
         "trend-chart",
         "Any joint",

@@ -1,1 +1,1 @@
-"""Charts that a reader can ask: one subject a module; each takes tables and returns charts."""
+"""Interactive charts of the pages, one module per subject; each module makes tables and charts of them."""

@@ -1,4 +1,4 @@
-"""What a chart of a page is: an Altair specification, the page's tables that it draws, and its choices."""
+"""A chart of a page: an Altair specification, the tables that it draws, and what a reader can choose."""
 
 import base64
 import hashlib
@@ -20,7 +20,7 @@ import pandas as pd
 #: Significant digits of numbers in charts; the Parquet files hold all digits.
 DIGITS = 5
 CELL_KEYS = ("robot", "cycle", "axis", "fda")
-#: Columns of a cell, by the filters of the same names.
+#: Columns that name a cell, each with the filter of the same name.
 BY_CELL = {key: key for key in CELL_KEYS}
 
 
@@ -28,7 +28,7 @@ BY_CELL = {key: key for key in CELL_KEYS}
 class Choice:
     """Something that a reader chooses, from a list or by a slider.
 
-    Options are values with their texts; the first one is the default where none is given.
+    Options are pairs of a value and its text; the first one is the default where none is given.
     """
 
     key: str
@@ -39,7 +39,7 @@ class Choice:
 
     @property
     def place(self) -> int:
-        """Number of the default."""
+        """Index of the default option."""
         values = [value for value, _ in self.options]
         return values.index(self.default) if self.default in values else 0
 
@@ -48,7 +48,7 @@ class Choice:
 class Source:
     """Rows of one of the page's tables that a chart draws.
 
-    By column, the choice that it must equal: a filter of the page or a choice of the chart.
+    `by` names, for a column, the filter of the page or the choice of the chart whose value it must equal.
     """
 
     table: str
@@ -57,7 +57,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart that a reader can ask.
+    """An interactive chart.
 
     Attributes
     ----------
@@ -65,18 +65,18 @@ class Chart:
         Its id on the page.
     title : str
     spec : altair chart
-        Draws data called as `sources` are (`altair.NamedData`). ``⟦key⟧`` in a title becomes the label of
-        what is chosen.
+        Specification; its data have the names of `sources` (`altair.NamedData`). ``⟦key⟧`` in a title is
+        replaced by the label of the chosen value.
     sources : mapping of str to Source
-        The first one is what is listed and exported.
+        Data by name. The page lists and exports the first source.
     caption : str
     controls : sequence of Choice
     single : sequence of str
-        Choices of which it can show only one value: where all are chosen, the first that has rows.
+        Choices of which it can show only one value. Where a reader chooses all, it shows the first with rows.
     first : mapping
-        The value preferred then.
+        Value by choice that is preferred in that case.
     zoom : mapping of str to str
-        Scale ("x", "y") by field of its zoom, see `charts.encoding.add_zoom`; empty where it has none.
+        Scale ("x" or "y") of each field that zooms, see `charts.encoding.add_zoom`; empty without zoom.
     """
 
     name: str
@@ -90,8 +90,8 @@ class Chart:
     zoom: Mapping[str, str] = field(default_factory=dict)
 
     def definition(self) -> dict[str, Any]:
-        """What the page's script needs, as JSON holds it."""
-        # A test validates the specification: here, validation would take half of a page's time.
+        """Definition for the page's script, in values that JSON can hold."""
+        # The specification is not validated here, which would double a page's time; a test does that.
         spec = self.spec.to_dict(validate=False)
         for name in ("$schema", "config"):
             spec.pop(name, None)
@@ -108,8 +108,8 @@ class Chart:
 def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
     """Table for a page: columns as JSON, gzipped, in base64; equal tables give equal text.
 
-    Numbers keep `digits` significant digits; what is not finite is null. Columns of text are codes and their
-    values.
+    Numbers keep `digits` significant digits; values that are not finite become null. A column of text becomes
+    codes with a list of their values.
     """
     columns: dict[str, Any] = {}
     for name in frame.columns:
@@ -138,9 +138,9 @@ def round_digits(values: np.ndarray, digits: int = DIGITS) -> list[float | None]
 
 @cache
 def chart_library() -> str:
-    """JavaScript of Vega, Vega-Lite and Vega-Embed in one piece, as the locked package brings it.
+    """JavaScript of Vega, Vega-Lite and Vega-Embed in one text, from the locked package.
 
-    Putting it together takes seconds, so that it is kept next to the compiled modules.
+    Making it takes seconds, so it is kept in a file next to the compiled modules.
     """
     import vl_convert
 

@@ -1,4 +1,4 @@
-"""Altair charts as the pages have them: their data by name, axes, colours, zoom, cells under the pointer."""
+"""Parts of the pages' Altair charts: data by name, axes, colours, zoom and tooltips."""
 
 import json
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ import altair as alt
 
 
 def named(name: str) -> alt.Chart:
-    """Empty chart of one of a chart's sources."""
+    """Chart without marks, on the data that a source names."""
     return alt.Chart(alt.NamedData(name))
 
 
@@ -20,17 +20,17 @@ def symlog(field: str, title: str, steps: tuple[int, ...] = (1, 3)) -> alt.X:
 
 
 def rows(field: str, limit: int = 200) -> alt.Y:
-    """Rows in the table's order, with room for their names."""
+    """Vertical axis with one row per name, in the table's order."""
     return alt.Y(field, title=None, sort=None, axis=alt.Axis(labelLimit=limit))
 
 
 def detector_rows(names: Mapping[str, str]) -> alt.Y:
-    """A row a detector, with its name."""
+    """Vertical axis with one row per detector, labelled with its full name."""
     return alt.Y("fda:N", title=None, axis=alt.Axis(labelExpr=_name_labels(names), labelLimit=220))
 
 
 def detector_axis(names: Mapping[str, str]) -> alt.Axis:
-    """Axis on top with the detectors' names, a word a line; their letters where columns are narrow."""
+    """Axis on top with the detectors' names, one word per line, or their letters where it is narrow."""
     lines = max((name.count(" ") for name in names.values()), default=0)
     narrow = f"width < {75 * len(names)}"
     expression = f"{narrow} ? datum.label : split({_name_labels(names)}, ' ')"
@@ -39,12 +39,12 @@ def detector_axis(names: Mapping[str, str]) -> alt.Axis:
 
 
 def offset(field: str, values: Any) -> alt.YOffset:
-    """Values one below the other within a row."""
+    """Vertical offset within a row that draws each value of a field on a line of its own."""
     return alt.YOffset(field, scale=alt.Scale(domain=list(values)))
 
 
 def tint(field: str, tints: Mapping[str, str], **options: Any) -> alt.Color:
-    """Colour by value, in this order in the legend."""
+    """Colour of each value of a field; the legend has the same order."""
     scale = alt.Scale(domain=list(tints), range=list(tints.values()))
     return alt.Color(field, **{"title": None} | options, scale=scale)
 
@@ -61,7 +61,7 @@ def _name_labels(names: Mapping[str, str]) -> str:
 
 
 def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]:
-    """Chart whose scales zoom (Ctrl and wheel, pinch, buttons) and move (mouse), and scales by field.
+    """Chart whose scales zoom (Ctrl and wheel, pinch, buttons) and move (mouse), and each field's scale.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def add_zoom(chart: Any, x: str = "", y: str = "") -> tuple[Any, dict[str, str]]
 
 
 def tips(text: str) -> list[alt.Tooltip]:
-    """What the pointer tells: ``field|title|format``, separated by semicolons.
+    """Tooltips from a text ``field|title|format; ...``; title and format may be left out.
 
     >>> [one["title"] for one in tips("snr:Q|SNR|.3; robot:N")][0]
     'SNR'
@@ -94,5 +94,5 @@ def tips(text: str) -> list[alt.Tooltip]:
 
 
 def cell_tips(text: str) -> list[alt.Tooltip]:
-    """Text that the pointer shows of a cell and of a mark in it."""
+    """Tooltips that name a cell (robot, test-cycle, axis, detector), then those of `text`."""
     return tips(f"robot:N; cycle:N|test-cycle; axis:N; fda:N|detector; {text}")

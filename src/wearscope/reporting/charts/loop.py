@@ -17,7 +17,7 @@ from wearscope.reporting.closed_loop import (
     number,
 )
 
-#: Rows that all joints and runs share in the charts over time, points over a signal.
+#: Largest number of rows of all joints and runs in the charts over time, and of points over a signal.
 MOST_ROWS, MOST_POINTS = 40_000, 600
 #: Signals that a residual can be drawn over, in addition to the signal that it depends on most.
 OWN = {
@@ -34,7 +34,7 @@ _KINDS = _TINTS | {"noise floor": "var(--ink)", "as declared": "var(--soft)"}
 
 
 def loop_filters(loop: ClosedLoop) -> list[Choice]:
-    """What a reader may filter all charts by: joint and run."""
+    """Filters of all charts: joint and run."""
     uses = dict(zip(loop.residual["run"], loop.residual["use"], strict=True))
     return [
         Choice("joint", "Joint", [(name, name) for name in loop.joints]),
@@ -57,7 +57,7 @@ def _choices(loop: ClosedLoop) -> dict[tuple[str, str], str]:
 
 
 def loop_labels(loop: ClosedLoop) -> dict[str, dict[str, str]]:
-    """Text of every choice's value, and of the tables' columns."""
+    """Labels of every choice's values, and of the tables' columns."""
     return {
         "joint.unit": {joint: loop.verdict["joints"][joint]["unit"] for joint in loop.joints},
         "run": {name: _short_run(name) for name in loop.residual["run"].unique()},
@@ -94,7 +94,7 @@ def _list_errors(loop: ClosedLoop) -> pd.DataFrame:
 
 
 def _thin_runs(table: pd.DataFrame) -> pd.DataFrame:
-    """Evenly spaced rows of each joint and run, in all about `MOST_ROWS` at most."""
+    """Evenly spaced rows of each joint and run, about `MOST_ROWS` in all at most."""
     runs = table.groupby(["joint", "run"], sort=False)["t"]
     each = max(50, MOST_ROWS // max(1, runs.ngroups))
     return table[(runs.cumcount() % np.maximum(1, -(-runs.transform("size") // each))) == 0]
@@ -111,7 +111,7 @@ def _thin_series(loop: ClosedLoop) -> pd.DataFrame:
 
 
 def _list_points(loop: ClosedLoop) -> pd.DataFrame:
-    """Residuals over the signals that a reader may choose: ``run``, ``x``, both, ``joint``, ``choice``."""
+    """Residuals over each signal to choose: ``run``, ``x``, both residuals, ``joint``, ``choice``."""
     parts = []
     for (joint, choice), signal in _choices(loop).items():
         if signal == "t" or loop.signals is not None:
@@ -151,7 +151,6 @@ def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
     """Measured and predicted torque, where predictions were kept, and the residual."""
     first = {"joint": joint, "run": run}
     torque = _over_time(
-        "series",
         {"measured": "measured", "predicted_before": "before", "predicted_after": "after"},
         "torque",
         first,
@@ -161,7 +160,6 @@ def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
         "the wheel or the buttons, drag to move.",
     )
     residual = _over_time(
-        "series",
         {"residual_before": "before", "residual_after": "after"},
         "residual",
         first,
@@ -173,18 +171,12 @@ def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
 
 
 def _over_time(
-    table: str,
-    columns: dict[str, str],
-    quantity: str,
-    first: dict[str, str],
-    name: str,
-    title: str,
-    caption: str,
+    columns: dict[str, str], quantity: str, first: dict[str, str], name: str, title: str, caption: str
 ) -> Chart:
-    """Columns of a source, named in the legend, for one joint and run over time."""
+    """Columns of the table ``series`` over time for one joint and run; `columns` has the legend's names."""
     tints = {one: _TINTS.get(one, "var(--ink)") for one in columns.values()}
     lines = (
-        named(table)
+        named("series")
         .transform_fold([*columns], as_=["key", "torque"])
         .transform_calculate(line=f"({json.dumps(columns)})[datum.key]")
         .mark_line(strokeWidth=1.3, clip=True)
@@ -196,7 +188,7 @@ def _over_time(
         )
     )
     spec, fields = add_zoom(lines.properties(width="container", height=280), "t", "torque")
-    sources = {table: Source(table, {"joint": "joint", "run": "run"})}
+    sources = {"series": Source("series", {"joint": "joint", "run": "run"})}
     return Chart(name, title, spec, sources, caption, single=["joint", "run"], first=first, zoom=fields)
 
 

@@ -1,7 +1,7 @@
-"""Charts of a study: the tables that they draw, factors (Q-1), detectors (Q-2), scope (Q-3), and two others.
+"""Charts of a study and their tables: factors (Q-1), detectors (Q-2), scope (Q-3), friction, sides.
 
-One chart has the robots' friction. The other compares a number of several things between two or three
-sides: studies, loops, or models before and after.
+The last chart compares one quantity of several things between two or three sides: studies, loops, or models
+before and after.
 """
 
 import json
@@ -51,7 +51,7 @@ _COLUMNS = {
 
 
 def study_filters(study: Study) -> list[Choice]:
-    """What a reader may filter all charts by: robots, test-cycles, axes, detectors of the study."""
+    """Filters of all charts: robots, test-cycles, axes and detectors of the study."""
     return [
         Choice(key, label, [(str(one), _text(study, key, one)) for one in sorted(study.snr[key].unique())])
         for key, label in FILTER_LABELS.items()
@@ -63,7 +63,7 @@ def _text(study: Study, key: str, value: object) -> str:
 
 
 def study_labels(study: Study) -> dict[str, Mapping[str, str]]:
-    """Text of every choice's value, and of the tables' columns."""
+    """Labels of every choice's values, and of the tables' columns."""
     names = study.detector_names()
     units = {fda: unit_text(study.units.get(fda, "")) for fda in names}
     return {
@@ -108,7 +108,7 @@ def together(study: Study) -> str:
 
 
 def places(table: pd.DataFrame) -> list[str]:
-    """Where each row's cell is, without its detector: test-cycle, axis, and robot where there are several."""
+    """Name of each row's cell without the detector: test-cycle, axis, and robot where there are several."""
     several = table["robot"].nunique() > 1
     cells = zip(*[table[key].tolist() for key in ("robot", "cycle", "axis")], strict=True)
     name = cache(
@@ -118,7 +118,7 @@ def places(table: pd.DataFrame) -> list[str]:
 
 
 def weight_table(study: Study) -> pd.DataFrame:
-    """Every cell's normalised coefficients (8) of the model that Q-1 asks, terms in words.
+    """Every cell's normalised coefficients (8) of the model that answers Q-1, with terms in words.
 
     Columns: the keys, ``term``, ``kind`` (direct, interaction, square), ``weight``.
     """
@@ -142,7 +142,7 @@ def scope_cells(study: Study) -> pd.DataFrame:
     """Scope matrices in natural units.
 
     Columns: the keys, ``factor``, ``change`` (of wear), ``sigma`` (of the factor), ``p_d``, ``passes``,
-    ``sure`` (with 95 % confidence; never where that was not asked), ``place`` (see `places`).
+    ``sure`` (with 95 % confidence; False where that was not computed), ``place`` (see `places`).
     """
     rows = choose_method(study.scope)
     steps = {one.name: one.step for one in study.factors}
@@ -157,10 +157,10 @@ def scope_cells(study: Study) -> pd.DataFrame:
 
 
 def reach_lines(study: Study) -> pd.DataFrame:
-    """Smallest wear that each detector surely finds over how far a factor varies.
+    """Smallest wear that each detector surely finds, over how far a factor varies.
 
-    Columns: ``fda``, ``factor``, ``range`` (1.96 standard deviations, natural units), ``wear``. In as many
-    cells as the conclusion asks: all, or half.
+    Columns: ``fda``, ``factor``, ``range`` (1.96 standard deviations, natural units), ``wear``. The wear is
+    found in as many cells as the conclusion requires: all, or half of them.
     """
     counts = count_scope(choose_method(study.scope))
     sure = counts["sure" if counts["known"].any() else "passes"]
@@ -179,8 +179,8 @@ def detection_cases(study: Study) -> tuple[pd.DataFrame, list[Choice]]:
     """ROC of every cell in natural units, and the choices that a reader has.
 
     Columns: the keys, ``change`` (of wear), ``p_f``, ``p_d``, ``threshold``, ``place``, ``case`` (factor and
-    its variation). The choices begin nearest to the conclusion's variation, in the middle where there is
-    none, and at the change of wear that tells detectors best apart.
+    its variation). The default is the variation nearest to the conclusion's, or the middle one without a
+    conclusion, and the change of wear at which detectors differ most.
     """
     rows, fault = study.detection, study.factor("f")
     assert rows is not None
@@ -264,9 +264,9 @@ def side_table(sides: dict[str, pd.DataFrame], thing: str, value: str) -> pd.Dat
     Parameters
     ----------
     sides : mapping of str to DataFrame
-        By name; the ends of a value's interval are called ``<value>_low`` and ``<value>_high``.
+        Tables by side; the ends of a value's interval are called ``<value>_low`` and ``<value>_high``.
     thing, value : str
-        Columns.
+        Names of the columns.
     """
     names = {thing: "thing", value: "value", f"{value}_low": "low", f"{value}_high": "high"}
     parts = [
@@ -303,7 +303,7 @@ _SHORT = (
 
 
 def _is_upper(study: Study) -> str:
-    """Expression that is true of detectors that are told the simulator's law."""
+    """Chart expression that is true for detectors that are given the simulator's friction law."""
     return f"indexof({json.dumps(study.upper())}, datum.fda) >= 0"
 
 
@@ -414,7 +414,7 @@ def chart_snr_cells(study: Study) -> Chart:
     base = named("snr").encode(x=alt.X("fda:N", title=None, axis=top), y=rows("place:N"))
     own = study.snr.loc[~study.snr["fda"].isin(study.upper()), "snr_exact"].replace([np.inf, -np.inf], np.nan)
     most = float(own.abs().max()) if own.notna().any() else 1.0
-    # The colours are those of what can be deployed; without a negative value they begin at 0.
+    # The colour scale covers the detectors that can be deployed; without negative values it begins at 0.
     ends, tints = ([0.0, most], ["#f1f1f0", "#2166ac"])
     if (own < 0).any():
         ends, tints = ([-most, *ends], ["#b35806", *tints])
@@ -438,7 +438,7 @@ def chart_snr_cells(study: Study) -> Chart:
 
 
 def chart_reach(study: Study, shifts: Mapping[str, float]) -> Chart:
-    """Each detector's smallest wear over how far a factor varies, set against a shift.
+    """Smallest wear that each detector finds over how far a factor varies, with the size of a shift.
 
     Parameters
     ----------
