@@ -102,7 +102,7 @@ def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None)
 
 
 def make_friction_change(joint: int) -> Change:
-    """Plain friction of a joint as a whole; every joint has some."""
+    """Change of a joint's plain friction as a whole; every joint has some."""
     return Change(FRICTION, joint, tuple(plain_term(effect, joint) for effect in plain_friction()), FRICTION)
 
 

@@ -340,7 +340,7 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
 
 
 def leave_scatter(structure: Structure, made: Sequence[RunRows]) -> list[np.ndarray]:
-    """Residual (M, n) of each run's rows that count, without what its session differs in from the others."""
+    """Residual (M, n) of each run on the rows that count, less how its session differs from the others."""
     left = [(r.target - r.columns[..., : structure.count] @ structure.theta) * (r.weights > 0) for r in made]
     columns = [scatter_columns(structure, r) * (r.weights > 0)[:, :, None] for r in made]
     for session in dict.fromkeys(r.run.session for r in made):

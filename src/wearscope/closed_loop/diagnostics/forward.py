@@ -87,9 +87,9 @@ def compare_forward(
     Returns
     -------
     DataFrame
-        One row a joint, run (and ``all`` of them) and stage: `torque_rms` and `motion_rms`, the error against
-        the measurement, with 95 % intervals (`_low`, `_high`), `seconds` simulated, `outcome` (``ok``, or why
-        there is no simulation; errors are NaN then).
+        One row per joint, run (and ``all`` of them) and stage: `torque_rms` and `motion_rms`, the error
+        against the measurement, with 95 % intervals (`_low`, `_high`), `seconds` simulated, `outcome`
+        (``ok``, or why there is no simulation; errors are NaN then).
     """
     models = {stage: _move_back(model, prepared) for stage, model in models.items()}
     records: list[dict] = []
@@ -190,7 +190,7 @@ def _tell_stops(stops: Sequence[str]) -> str:
 
 
 def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:
-    """Motor torque (N, n) of which a model's sensors would read the measured torque."""
+    """Motor torque (N, n) that a model's sensors would record as the measured torque."""
     from wearscope.simulation.plant import build_plant
 
     plant = build_plant(model)

@@ -23,7 +23,7 @@ _SHORTEST, _NEAR = 5, 4
 _BENDS = (1, 4)
 #: Fewest periods of a line in the longest run, and highest frequency [1/row].
 _PERIODS, _HIGHEST = 2.5, 0.25
-#: Frequencies whose waves are made at once.
+#: Number of frequencies whose waves are made at once.
 _AT_ONCE = 256
 
 

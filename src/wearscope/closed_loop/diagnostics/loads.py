@@ -42,9 +42,9 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     ----------
     prepared : Prepared
     predicted : sequence of Predicted
-        Along all runs.
+        Predictions along all runs.
     after : Regression
-        The model.
+        The corrected model.
     """
     effect = _find_payload()
     files = list(dict.fromkeys(p.run.file for p in predicted))
@@ -98,7 +98,7 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
     after : Regression
         The corrected model.
     terms : sequence of ModelTerm
-        Its names.
+        Its named terms.
     """
     return [
         f"{after.prepared.dataset.joints[term.joint]}: {term.effect.name} is fitted to another load than the "

@@ -112,7 +112,7 @@ def list_plans(
         Joints of the terms that have rivals.
     payloads : sequence of PayloadFields or None
     temperatures : list of float
-        At the start [deg C].
+        Temperatures at the start [deg C].
     cycles : sequence of str
         Test-cycles to compare with the generated motions.
     chosen : collection of str, optional

@@ -64,7 +64,7 @@ class Attribution:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a search and the test runs say of a data set.
+    """Result of the search and of the test runs for a data set.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ SECONDS, DWELL = 30.0, 0.1
 LEAST_RUNS, MOST_RUNS = 2, 6
 #: A number of runs is promised if it tells the names apart with this probability.
 POWER = 0.9
-#: Cold start [deg C].
+#: Temperature of a cold start [deg C].
 COLD = 20.0
 
 
@@ -38,7 +38,7 @@ class Plan:
         Motion at the rate of the filtered recordings.
     payload : PayloadFields or None
     temperature : float
-        At the start [deg C]; NaN where it is not recorded.
+        Temperature at the start [deg C]; NaN where it is not recorded.
     moving : ndarray (n,) of bool
         Joints that move; the others stay at home.
     """
@@ -151,7 +151,7 @@ def make_planned_run(
         Sampled at the band's rate.
     payload : PayloadFields or None
     temperature : float
-        Of all joints [deg C]; NaN where the recordings have none.
+        Temperature of all joints [deg C]; NaN where the recordings have none.
     """
     dataset, band = prepared.dataset, prepared.band
     body = rigid_body_of(prepared.urdf, dataset, payload)

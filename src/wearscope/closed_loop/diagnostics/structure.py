@@ -28,7 +28,7 @@ State = Literal["explained", "corrected", "unexplained", "not_judged"]
 
 @dataclass(frozen=True)
 class JointState:
-    """Structure in a joint's residual.
+    """State of a joint, and the structure in its residual.
 
     Attributes
     ----------

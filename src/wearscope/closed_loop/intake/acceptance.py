@@ -62,7 +62,7 @@ def list_codes(joints: Sequence[str], files: Sequence[str]) -> Iterator[str]:
 
 
 def exchange_code(joints: Sequence[str], kinds: Sequence[str], i: int, j: int) -> str:
-    """Code of the columns of joints i and j exchanged, whichever of them is named first."""
+    """Code for exchanged columns of joints i and j; their order does not matter."""
     one, other = joints[min(i, j)], joints[max(i, j)]
     return "exchanged " + " ".join(f"{kind}_{joint}" for kind in kinds for joint in (one, other))
 
@@ -120,7 +120,7 @@ class Acceptance:
         where : str
             File or field that the sentence is about.
         told : str
-            What it looks like and the remedy, as a sentence without its beginning.
+            What the data look like, and the remedy: the sentence that continues `where`.
         *codes : str
 
         Raises

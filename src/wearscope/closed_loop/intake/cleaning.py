@@ -25,8 +25,8 @@ LONGEST_SPIKE = 4
 _START, _FROZEN_TIME, _FROZEN_ROWS = 1.5, 0.2, 20
 #: Share of a position's span beyond which a step can be a fault; smaller ones are lost motion of the gear.
 _STEP = 0.03
-#: A step begins or ends with at least this share of its largest difference; a minimum-jerk move has two
-#: thirds.
+#: A faulty step begins or ends with a difference of at least this share of its largest one. In a quick
+#: minimum-jerk move it is two thirds.
 _ABRUPT = 0.75
 #: Number of samples in which a joint that broke away keeps moving.
 _SLIDES = 6

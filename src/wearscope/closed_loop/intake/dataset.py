@@ -175,7 +175,7 @@ def _check_run(path: Path, run: Run, fields: DatasetFields) -> None:
 
 
 def list_run_problems(folder: Path, fields: DatasetFields) -> list[str]:
-    """What is wrong with each recording by itself, a sentence a recording."""
+    """One sentence for each recording that is wrong by itself."""
     found = []
     for entry in fields.runs:
         try:

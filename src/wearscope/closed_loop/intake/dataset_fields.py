@@ -41,14 +41,14 @@ class _Fields(BaseModel):
 
 
 class PayloadFields(_Fields):
-    """`runs[].payload`."""
+    """Fields of `runs[].payload`."""
 
     mass: _Number = Field(ge=0.0, le=limits.MASS)
     com: list[_Distance] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
 
 
 class RunFields(_Fields):
-    """`runs[]`."""
+    """Fields of an entry of `runs`."""
 
     file: str
     use: Literal["train", "test"]
@@ -57,7 +57,7 @@ class RunFields(_Fields):
 
 
 class RobotFields(_Fields):
-    """`robot`."""
+    """Fields of `robot`."""
 
     urdf: str
     joints: list[str] = Field(min_length=1, max_length=limits.JOINTS)
@@ -70,14 +70,14 @@ class RobotFields(_Fields):
 
 
 class UnitFields(_Fields):
-    """`units`: one for all joints, or a list by joint where a robot both turns and slides."""
+    """Fields of `units`: one unit for all joints, or a list by joint where a robot both turns and slides."""
 
     q: _PositionUnit | list[_PositionUnit] = "rad"
     tau: _TorqueUnit | list[_TorqueUnit] = "N m"
 
 
 class DatasetFields(_Fields):
-    """`dataset.yaml`."""
+    """Fields of `dataset.yaml`."""
 
     name: _Label = Field(min_length=1)
     description: str = ""
@@ -100,7 +100,7 @@ class DatasetFields(_Fields):
     runs: list[RunFields] = Field(min_length=1, max_length=limits.RUNS)
 
     def readings(self) -> dict[str, TorqueReading]:
-        """What each joint's torque column is."""
+        """What each joint's torque column holds, as the field `torque` says."""
         if isinstance(self.torque, dict):
             return {joint: self.torque.get(joint, "motor") for joint in self.robot.joints}
         return dict.fromkeys(self.robot.joints, self.torque)
@@ -166,7 +166,7 @@ def list_breaches(path: Path) -> list[str]:
 
 
 def _explain(path: Path, content: dict, first: Any) -> InputError:
-    """Error that names a wrong field; a missing one may stand there misspelt, which is then said."""
+    """Error that names a wrong field; where a missing field stands there misspelt, it says so."""
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
     siblings: Any = content

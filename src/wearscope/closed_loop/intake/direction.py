@@ -75,7 +75,7 @@ class Reversals:
     Attributes
     ----------
     width : ndarray (n,)
-        Speed over which it changes [rad/s or m/s]; 0 is at once.
+        Speed over which it changes [rad/s or m/s]; 0 is an abrupt change.
     form : ndarray (n,) of int
         Number of its form in `FORMS`.
     """

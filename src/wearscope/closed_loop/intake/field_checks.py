@@ -93,7 +93,7 @@ def _check_by_joint(path: Path, robot: RobotFields) -> None:
 
 
 def _check_effects(path: Path, fields: DatasetFields) -> None:
-    """Names must be known; own effect files must lie in the folder. None of them is run here."""
+    """Check that effects are known and own effect files lie in the folder; no file is run."""
     installed = plugins.list_installed("effects")
     for reference in fields.effects:
         if not reference.endswith(".py") and reference not in installed:

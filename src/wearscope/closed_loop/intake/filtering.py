@@ -60,7 +60,7 @@ class Band:
 
 
 def rows(band: Band, length: int) -> slice:
-    """Rows kept of a run of `length` samples: edges cut, one in `Band.stride`."""
+    """Rows that are kept of a run of `length` samples: one in `Band.stride`, without the edges."""
     edge = int(EDGE_PERIODS * band.rate / band.torque)
     return slice(edge, max(length - edge, edge), band.stride)
 

@@ -104,7 +104,7 @@ def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
         file = ""
         if rows is not whole:
             file = prepared.runs[int(rows.run[rows.doubted][0])].file
-            # What dataset.yaml says of columns holds for every run.
+            # A line in dataset.yaml would hold for every run, so that such a remedy is left out.
             text = _FOR_ALL.sub(lambda found: ";" if found[1] else "", text.rstrip("."))
             text += "; correct this run's file, or leave the run out; a hand on the robot may look the same."
         prepared.refuse(str(prepared.dataset.folder / file), text, *codes)

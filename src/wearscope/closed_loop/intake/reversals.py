@@ -74,7 +74,7 @@ def _choose_width(parts: list[_JointRows], length: int, widths: np.ndarray) -> f
 def choose_reversal_widths(
     runs: list[RoughRun], moving: np.ndarray, band: Band, averaged: bool = False
 ) -> np.ndarray:
-    """Speed (n,) over which each joint's friction changes its sign; 0 is at once.
+    """Speed (n,) over which each joint's friction changes its sign; 0 is an abrupt change.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ def spread_out(bad: np.ndarray, width: int) -> np.ndarray:
 def keep_lasting(marked: np.ndarray, width: int) -> np.ndarray:
     """Marked samples (N, n) that are part of a stretch longer than `width` samples."""
     inner = ndimage.minimum_filter1d(marked, width + 1, axis=0, mode="constant", cval=False)
-    # A window that ends at the last sample of the stretch is centred elsewhere for an even length.
+    # A window of even length has no central sample: the second filter is shifted back by what the first was.
     return marked & ndimage.maximum_filter1d(
         inner, width + 1, axis=0, mode="constant", cval=False, origin=-1 if width % 2 else 0
     )

@@ -95,7 +95,7 @@ def clean_runs(
     dataset : Dataset
     urdf : str
     notes : list of str
-        Gets what was corrected.
+        List to which notes on what was corrected are added.
     reach : ndarray (n,), optional
         Span of each joint's position in further runs; the larger span is used.
     """

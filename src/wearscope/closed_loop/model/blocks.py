@@ -9,7 +9,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 
 #: Length of a block in periods of the common cut-off, which bounds how fast autocorrelation decays.
 _BLOCK_PERIODS = 4.0
-#: Shortest block [s]; most blocks and folds.
+#: Shortest block [s]; largest numbers of blocks and of folds.
 _SHORTEST, _MOST_BLOCKS, _MOST_FOLDS = 0.4, 400, 10
 #: Number of parts of a recording that is held out in parts.
 _FIFTHS = 5
@@ -53,7 +53,7 @@ class Folds:
 def make_blocks(prepared: Prepared) -> list[Block]:
     """Contiguous blocks of the training runs, much longer than the residual's autocorrelation.
 
-    There are at most `_MOST_BLOCKS` of them or two a run, so that cost stays linear in the rows.
+    There are at most `_MOST_BLOCKS` blocks, or two per run, so that cost stays linear in the rows.
     """
     runs = prepared.runs_for("train")
     whole = sum(run.t[-1] - run.t[0] for run in runs)

@@ -26,8 +26,8 @@ class JointFit:
     theta : ndarray (p,)
         Coefficients, those of the inertial parameters first.
     covariance : ndarray (p + s, p + s)
-        Of the coefficients, then of the free shapes, the reversals' widths and forms, and plain friction
-        without a name.
+        Covariance of the coefficients, then of the free shapes, the reversals' widths and forms, and plain
+        friction without a name.
     width : ndarray (p + s,)
         Half of each value's 95 % interval.
     moved : ndarray (p + s,)
@@ -86,7 +86,7 @@ def _reversal_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.n
         By run, for each of K joints whose reversal has a width: the derivative by the logarithm of its width,
         and the differences to the other forms.
     ndarray (3 K,)
-        Precision a priori of their coefficients, which are zero where width and form are right.
+        Prior precision of their coefficients, which are zero where width and form are right.
     """
     prepared, train = model.prepared, model.prepared.runs_for("train")
     today = prepared.reversals
@@ -165,7 +165,7 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks and p effective parameters a joint. The prior on a body's inertial
+    1986), scaled by B/(B - p) for B blocks and p effective parameters per joint. The prior on a body's inertial
     parameters counts as observations with their own scatter. Intervals take Student's t with as many degrees
     of freedom as clusters carry the parameter's information, less one. Where a regressor was made from the
     measured torque, its noise-free instrument takes its place in the scores.
@@ -294,7 +294,7 @@ def draw_parameters(
     ----------
     model : Regression
     joint : JointFit
-        Of the model, from `estimate_jointly`.
+        Fit of the model, from `estimate_jointly`.
     rng : numpy.random.Generator
     draws : int
 

@@ -48,7 +48,8 @@ FITS = 5
 #: Speeds over which friction falls, over the largest speed; number of positions between which a torque is
 #: linear.
 _FALLS, _PLACES = (0.05, 0.3), 8
-#: Events within a time without any are fewer than this, with 95 % confidence (Hanley and Lippman-Hand 1983).
+#: Where a time shows no event, fewer than this many are expected in such a time, with 95 % confidence (Hanley
+#: and Lippman-Hand 1983).
 _RULE_OF_THREE = 3.0
 
 

@@ -92,7 +92,7 @@ def is_consistent(parameters: np.ndarray) -> bool:
 
 
 def nearest_consistent(free: np.ndarray, start: np.ndarray, hessian: np.ndarray) -> np.ndarray:
-    """Physically consistent parameters that fit nearly as well as an estimate without this constraint.
+    """Physically consistent parameters that increase the loss least over an estimate without constraint.
 
     Parameters
     ----------

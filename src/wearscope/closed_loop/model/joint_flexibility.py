@@ -72,7 +72,7 @@ def take_out_swing(stiff: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     stiff : ndarray
-        1 - (w / w0)^2, the share of a correction of the torque that reaches the deflection's equation.
+        1 - (w / w0)^2 by frequency: how the gears' equation responds to a correction of the torque.
     """
     return np.asarray(stiff / (stiff**2 + _DAMPING * (stiff < 0.5)))
 

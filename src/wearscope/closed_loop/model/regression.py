@@ -11,7 +11,7 @@ from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 from wearscope.effects.unknown import COARSE
 
-#: Relative change of a joint's residual scale below which the weights are settled; most rounds until then.
+#: Relative change of a joint's residual scale below which the weights are settled; largest number of rounds.
 SETTLED, ROUNDS = 0.01, 30
 #: Weight that fixes a coefficient, over the runs' own information on it.
 _HOLD = 1e8
@@ -137,7 +137,7 @@ class Regression:
 
     @property
     def inertial_prior(self) -> np.ndarray:
-        """Precision (P, P) a priori of the inertial deviations about the URDF's values; zero elsewhere."""
+        """Prior precision (P, P) of the inertial deviations from the URDF's values; zero elsewhere."""
         prior = np.zeros(self.p)
         if self.inertial:
             prior[: 10 * self.prepared.n] = np.diag(inertial_penalty(self.prepared))

@@ -48,7 +48,7 @@ class Rest:
 
 
 def find_rests(run: PreparedRun, joint: int, number: int = 0) -> list[Rest]:
-    """Rests of a joint in a run, each after a motion; the middle half of each."""
+    """Middle half of each of a joint's rests in a run that follow a motion."""
     at = rows(run.band, len(run.signals.t))
     sign = run.signals.sign[at][:, joint]
     edges = np.flatnonzero(np.diff((sign == 0.0).astype(int), prepend=0, append=0))

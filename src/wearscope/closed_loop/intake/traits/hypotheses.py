@@ -17,7 +17,7 @@ from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import LONGEST, Rows
 from wearscope.closed_loop.intake.traits.score import ROWS, Weighing
 
-#: Odds against what is noted, in nats: 20 to 1.
+#: Odds [nats] that a noted reading must overcome: 20 to 1.
 NOTE = 3.0
 #: Cost of a free number [nats]; a known number is preferred where it is at most this much worse [nats].
 FREE, _ALIKE = 0.5 * float(np.log(ROWS)), 1.0
@@ -30,7 +30,7 @@ _MM, _QUARTER = 1e-3, float(np.pi / 2.0)
 #: Start values of the search for a factor (in octaves) and for a delay [s]; factors of half turns and turns.
 _OCTAVES, _TIMES = np.arange(-3.0, 4.0), LONGEST / 2.0 ** np.arange(1.0, 6.0)
 _TURNS = (float(np.pi), 2.0 * float(np.pi))
-#: Odds for Earth's gravity, in nats.
+#: Odds [nats] for Earth's gravity where the stated one is of another size.
 _UNEARTHLY = 10.0
 #: Cosine to the stated direction from which gravity counts as unchanged; part along an axis that counts as 0.
 _SAME, _LEVEL = 0.95, 0.03
@@ -184,7 +184,7 @@ def _propose_sizes(few: Weighing, r: Reading) -> Iterator[Reading]:
 
 
 def is_off(size: float) -> bool:
-    """Whether a ratio of a torque to what is needed is beyond the model's errors."""
+    """Whether errors of the model cannot explain a torque's ratio to what the body needs."""
     return not SMALL < size < LARGE
 
 

@@ -19,7 +19,7 @@ class Reading:
     size : tuple of float
         Ratio of each torque to what the body needs.
     motion_of, torque_of : tuple of int
-        Index of the column that holds each joint's position; joint whose torque is in each torque column.
+        Index of the column that holds each joint's position, and of the one that holds its torque.
     crossed : frozenset of int
         Joints whose position and torque columns are exchanged.
     gravity : tuple of float or None

@@ -16,8 +16,9 @@ from wearscope.effects.presliding_hysteresis import EFFECT as PRESLIDING
 MOST_ROWS, LEAST_ROWS = 3000, 30
 #: Margin at both ends of a recording [s] that is left out, since a torque may be late by as much.
 LONGEST = 0.3
-#: A drive is idle where its torque varies less than this share of the usual variation, unless the motion
-#: explains the second share of it; a joint rests in a run below the third share of its reach.
+#: A drive is idle where its torque varies less than the first share of its usual variation, unless the motion
+#: explains the second share of it. A joint rests in a run where it moves less than the third share of its
+#: reach.
 _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
 #: Distance over which friction builds up after a reversal (presliding), as a share of the joint's reach, and
 #: its least value [rad or m].

@@ -6,8 +6,8 @@
 columns.
 - f: form error, the share that a coarse dictionary leaves of any machine's torque.
 - nu_j: rows over the design effect of the direction in which the two models differ, and no more than `ROWS`.
-- cost: half the squares of the coefficients in units of their prior's standard deviation, ln(nu) / 2 a free
-  coefficient, the logarithm of the alternatives, and the odds against the reading's traits.
+- cost: half the squares of the coefficients in units of their prior's standard deviation, ln(nu) / 2 per free
+  coefficient, the logarithm of the number of alternatives, and the odds against the reading's traits.
 
 It is the form of `inference.score`, on a dictionary that is small enough for many readings.
 """
@@ -270,7 +270,7 @@ class Model:
         return self.x[start : start + count]
 
     def leave_by_run(self) -> np.ndarray:
-        """Unexplained share (R,) of the variance in each run, of the torque with the largest one."""
+        """Largest unexplained share (R,) of any torque's variance in each run."""
         rows, shares = self.fit.rows, []
         number = np.unique(rows.run, return_inverse=True)[1]
         for k, c in enumerate(rows.heard):

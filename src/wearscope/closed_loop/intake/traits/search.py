@@ -10,7 +10,7 @@ from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
 from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
 
-#: Odds against a trait: 100 to 1. Nats beyond them that a refusal needs.
+#: Odds against a trait, 100 to 1, and further odds that a refusal needs [nats].
 ODDS, REFUSE = float(np.log(100.0)), 10.0
 #: Rows of a first look; numbers of readings that are scored with all rows, and to which traits are added.
 _FEW, _BEAM, _FRONT = 160, 4, 2
@@ -95,7 +95,7 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
-        # Of equally good readings, the one that is proposed first.
+        # Of equally good readings, the one that is proposed first is taken.
         further = max(models, key=lambda one: round(one.over(best)), default=best)
         if further.over(best) > (0.0 if best is stated else NOTE):
             best = further
