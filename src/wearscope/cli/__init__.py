@@ -1,1 +1,1 @@
-"""The command `wearscope`: makes, checks and runs what the rooms offer."""
+"""The command `wearscope`, which makes, checks and runs studies, robots, data sets and diagnoses."""

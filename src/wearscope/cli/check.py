@@ -1,4 +1,4 @@
-"""Everything that is wrong with a thing, in one list."""
+"""The command `wearscope check`: all errors of a robot, data set, study or .py file in one list."""
 
 import sys
 from pathlib import Path
@@ -45,15 +45,16 @@ def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) ->
 
 
 def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...] = ()):  # type: ignore[no-untyped-def]
-    """Check a thing by what it is.
+    """Check a thing after finding out what it is.
 
     Parameters
     ----------
     thing : str
-        Path, or the name of a robot or study that comes along.
+        Path, or the name of a robot or study of the platform; None for the working directory.
     allow_code : bool
+        Whether code that the thing names may run.
     robots : tuple of str
-        That a test-cycle is for.
+        Robots on which a test-cycle is tried.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
     Raises
     ------
     InputError
-        Where it is none of the things that can be checked.
+        Where it cannot be checked.
     """
     path = Path(thing or ".")
     if path.suffix == ".py":
@@ -88,7 +89,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
 
 
 def _tell_kind(path: Path) -> str:
-    """``dataset``, ``robot``, ``study``, or nothing where the path does not say."""
+    """Return ``dataset``, ``robot`` or ``study``; empty where the path does not tell."""
     if path.is_dir():
         for name, kind in (
             ("dataset.yaml", "dataset"),
@@ -115,7 +116,7 @@ def _tell_kind(path: Path) -> str:
 
 
 def _is_robot(thing: str) -> bool:
-    """Whether a robot of this name is found."""
+    """Return whether there is a robot of this name."""
     from wearscope.robots.model_file import find_model
 
     try:

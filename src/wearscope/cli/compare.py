@@ -1,4 +1,4 @@
-"""Two results side by side."""
+"""The command `wearscope compare`: two studies or two closed loops side by side."""
 
 import re
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from wearscope.archive.comparison import Content
 
-#: Conclusions that are told in sentences.
+#: Number of conclusions that are told in sentences.
 _TOLD = 5
-#: Subject of a conclusion, by the table that holds it.
+#: Beginning of the sentence on a conclusion, by the table that holds it.
 _TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
 
 
@@ -52,19 +52,20 @@ def compare(a, b, everything):  # type: ignore[no-untyped-def]
 
 
 def _name(left: Path, right: Path) -> tuple[str, str]:
-    """Names of two results: their folders, with as much of the path as tells them apart."""
+    """Return names for two results: the last parts of their paths, as many as are needed to differ."""
     parts = left.absolute().parts, right.absolute().parts
     count = next((k for k in range(1, max(map(len, parts))) if parts[0][-k:] != parts[1][-k:]), 1)
     return "/".join(parts[0][-count:]), "/".join(parts[1][-count:])
 
 
 def _find(place: str) -> Path:
+    """Return the archive or the folder of results at a place."""
     path = Path(place)
     return path if path.is_file() and path.suffix == ".tar" else find_results(place)
 
 
 def _compare_studies(left: Path, right: Path, everything: bool) -> None:
-    """Show what differs."""
+    """Print the answers of two studies, their rankings, and with `everything` all settings and files."""
     from wearscope.archive.comparison import Content, compare_contents
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import detector_name
@@ -95,7 +96,7 @@ def _compare_studies(left: Path, right: Path, everything: bool) -> None:
 
 
 def _read_ranking(side: "Content") -> "pd.DataFrame":
-    """Detectors in order of median SNR, by full name where the settings have it; empty without a ranking."""
+    """Read the ranking of a study, with full names of the detectors; empty where it has no ranking."""
     import pandas as pd
 
     from wearscope.reporting.labels import detector_name
@@ -113,7 +114,7 @@ def _read_ranking(side: "Content") -> "pd.DataFrame":
 
 
 def _compare_loops(left: Path, right: Path) -> None:
-    """Show both joint by joint."""
+    """Print errors and named effects of two closed loops, joint by joint."""
     from wearscope.cli.tables import format_value
     from wearscope.reporting.labels import effect_name
     from wearscope.storage.verdicts import read_verdict
@@ -141,7 +142,7 @@ def _compare_loops(left: Path, right: Path) -> None:
 
 
 def _name_item(item: str) -> str:
-    """Subject of a conclusion, in words."""
+    """Return the subject of a conclusion in words."""
     from wearscope.reporting.labels import upper_first, words
 
     table, _, rest = item.partition(": ")
@@ -150,7 +151,7 @@ def _name_item(item: str) -> str:
 
 
 def _tell_answers(names: tuple[str, str], answers: tuple[str, str]) -> list[str]:
-    """What both pages answer, in sentences; [] where one has no answer."""
+    """Return sentences on the answers of both pages; none where a page has no answer."""
     if not all(answers):
         return []
     if answers[0] == answers[1]:
@@ -162,7 +163,7 @@ def _tell_answers(names: tuple[str, str], answers: tuple[str, str]) -> list[str]
 def _tell_studies(
     names: tuple[str, str], rankings: tuple["pd.DataFrame", "pd.DataFrame"], differences: "pd.DataFrame"
 ) -> list[str]:
-    """What differs between two studies, in sentences, conclusions first."""
+    """Return sentences on the differences between two studies, conclusions first."""
     from wearscope.reporting.labels import count_text, words
     from wearscope.reporting.page import say_lines
 
@@ -185,7 +186,7 @@ def _tell_studies(
 def _tell_loops(
     names: tuple[str, str], left: Mapping[str, list[str]], right: Mapping[str, list[str]]
 ) -> list[str]:
-    """What two verdicts name differently, a sentence for the joints with the same difference."""
+    """Return sentences on the effects that two verdicts name differently; equal differences share one."""
     from wearscope.reporting.labels import effect_name, join_words
 
     found: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""A model's errors on recordings."""
+"""The command `wearscope evaluate`: errors of a model on recordings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,7 +54,7 @@ def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-u
 
 
 def list_worst(errors: "ModelErrors") -> list[tuple[str, ...]]:
-    """For each joint, its worst recording: error of the torque, and of the position at the end."""
+    """Return a row for each joint with its worst torque error and its worst position error."""
     from wearscope.reporting.page import format_number, interval_text
 
     rolled = errors.rollouts[errors.rollouts["seconds"] == errors.rollouts["seconds"].max()]
@@ -78,7 +78,7 @@ def list_worst(errors: "ModelErrors") -> list[tuple[str, ...]]:
 
 
 def tell_errors(errors: "ModelErrors") -> str:
-    """What was judged, then the smallest and the largest errors."""
+    """Return sentences on what was judged, and on the smallest and largest errors."""
     from wearscope.reporting.page import format_number, interval_text, say
 
     known = errors.torque[errors.torque["error_percent"].notna()]

@@ -1,4 +1,4 @@
-"""The command's tree. A command's modules are imported when it runs, so that help comes at once."""
+"""Entry point of the command. The modules of a subcommand are imported when it runs, so that help is fast."""
 
 import errno
 import importlib
@@ -18,14 +18,14 @@ from wearscope.storage.files import FULL, explain_unwritten
 # `processes.bound_memory`.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
-#: What of the system may run short, and the remedy.
+#: Remedy by the error of a system resource that ran out.
 LIMITS = {
     errno.EMFILE: "raise the limit of open files (ulimit -n)",
     errno.ENFILE: "end other programs",
     errno.EAGAIN: "raise the limit of processes (ulimit -u), or end other programs",
     errno.ENOMEM: "free some memory, or raise its limit (ulimit -v)",
 }
-#: Where each command is: module of `wearscope.cli` and name in it.
+#: Place of each command: module of `wearscope.cli`, and name in it.
 COMMANDS = {
     "new": "new:new",
     "check": "check:check",
@@ -45,12 +45,12 @@ COMMANDS = {
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are asked for.
+    """A group of commands that imports a command when it is called.
 
     Parameters
     ----------
     places : mapping of str to str
-        ``module:name`` in `wearscope.cli` by command, in the order of the help.
+        By command, in the order of the help, ``module:name`` in `wearscope.cli`.
     """
 
     def __init__(self, *args: Any, places: Mapping[str, str], **kwargs: Any) -> None:
@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
         self.places = places
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the commands in the order of the help."""
+        """Return the names of the commands in the order of the help."""
         return list(self.places)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -70,7 +70,7 @@ class LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; Ctrl-C ends it with the status that shells know, also while it is imported."""
+        """Run the command; Ctrl-C, also during its import, ends it with the exit status 130."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -102,7 +102,7 @@ def wearscope() -> None:
 
 
 def main() -> None:
-    """Run the command; bad input, and a place that the system refuses, end it in one sentence."""
+    """Run the command; bad input, and errors of the operating system, end it with one sentence."""
     open_standard()
     os.environ.update(isolate(os.environ))
     ignore_settings_here()
@@ -141,5 +141,6 @@ def _check_words() -> None:
 
 
 def _end(sentence: str) -> NoReturn:
+    """Print a sentence as an error and end with status 1."""
     say(InputError(sentence), err=True)
     end_process(1)

@@ -1,4 +1,4 @@
-"""`wearscope new`: things to start from."""
+"""The command `wearscope new`: writes first versions of studies, robots, data sets and code."""
 
 import re
 from collections.abc import Callable
@@ -153,17 +153,17 @@ def example(name):  # type: ignore[no-untyped-def]
 
 
 def _tell(paths, following: str) -> None:  # type: ignore[no-untyped-def]
-    """Say what was written, and what to do next."""
+    """Print what was written, and the command to run next."""
     say(f"Written: {', '.join(map(str, paths))}. Next: {following}")
 
 
 class Numbers(click.ParamType):
-    """Numbers between commas or blanks: one for all joints, or one a joint."""
+    """Type of an option with numbers between commas or blanks: one for all joints, or one for each."""
 
     name = "numbers"
 
     def convert(self, value, param, ctx):  # type: ignore[no-untyped-def]
-        """Parse."""
+        """Return the numbers in a text."""
         if not isinstance(value, str):
             return value
         try:
@@ -173,6 +173,7 @@ class Numbers(click.ParamType):
 
 
 def _numbers(name: str, text: str):  # type: ignore[no-untyped-def]
+    """Return an option that takes numbers."""
     return click.option(name, type=Numbers(), default=(), metavar="X,X,...", help=text)
 
 
@@ -242,12 +243,13 @@ def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-unt
 
 
 def name_after(urdf: Path) -> str:
-    """A name made from the URDF's file name, or from its folder's where the file name says nothing."""
+    """Return a name made from the URDF's file name; from its folder's where the file is `robot.urdf`."""
     stem = urdf.stem if urdf.stem != "robot" else urdf.resolve().parent.name
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "robot"
 
 
 def _report(target: Path, figures) -> None:  # type: ignore[no-untyped-def]
+    """Print what was assumed about a new robot, check it, and print the command to run next."""
     from wearscope.checking.robot import check_robot_folder
 
     assumed = [name for name, one in figures.items() if not one.given.all()]
@@ -263,10 +265,12 @@ def _report(target: Path, figures) -> None:  # type: ignore[no-untyped-def]
         )
 
 
+#: What a torque column may be, as `torque` in dataset.yaml states it.
 READINGS = ("motor", "link", "without_gravity", "none")
 
 
 def _pattern(kind: str):  # type: ignore[no-untyped-def]
+    """Return the option that names the columns of a kind of signal."""
     left_out = ", or 'none'" if kind in ("velocity", "temperature") else ""
     text = f"Columns of the {kind}: with '*' for the joint's name or number, or one for each joint{left_out}."
     return click.option(f"--{kind}", metavar="'NAME_*'|A,B", help=text)
@@ -440,7 +444,7 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
 
 
 def _name_given(problem, made, target, urdf, recordings, runs):  # type: ignore[no-untyped-def]
-    """A problem of the copy, told by the names of the given files."""
+    """Return a problem of the temporary data set with the names of the user's files in place of its own."""
     given = {file.name: file for file in recordings}
     for run in runs:
         if run.file in given:
@@ -451,11 +455,12 @@ def _name_given(problem, made, target, urdf, recordings, runs):  # type: ignore[
 
 
 def _split(text: str) -> list[str]:
+    """Return the parts of a text between commas."""
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
-    """Readings by joint; a reading for all joints has an empty name."""
+    """Return the meaning of the torque column by joint; the empty name is for all joints."""
     found = {}
     for entry in entries:
         joint, _, reading = entry.rpartition("=")
@@ -466,6 +471,7 @@ def _read_readings(entries: tuple[str, ...]) -> dict[str, str]:
 
 
 def _read_columns(option: str, entries: tuple[str, ...]) -> dict[str, float]:
+    """Return the numbers of an option that is given as NAME=NUMBER, by name."""
     found = {}
     for entry in ",".join(entries).split(",") if entries else ():
         column, _, size = entry.rpartition("=")
@@ -477,7 +483,7 @@ def _read_columns(option: str, entries: tuple[str, ...]) -> dict[str, float]:
 
 
 def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]) -> dict[str, str]:
-    """Values of an option that is given as FILE=VALUE, by the file's name."""
+    """Return the values of an option that is given as FILE=VALUE, by the file's name."""
     found = {}
     for entry in entries:
         file, equals, value = entry.partition("=")
@@ -488,7 +494,10 @@ def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]
 
 
 def _name_option(problem: str) -> str:
-    """A refusal that names command-line options instead of lines of a dataset.yaml that is not kept."""
+    """Return a problem whose remedy names command-line options in place of lines of dataset.yaml.
+
+    The dataset.yaml of a refused data set is deleted, so that the user cannot edit it.
+    """
     from wearscope.starters.mapped import DECLARED
 
     every = ",".join((*DECLARED, "time_delay"))
@@ -520,4 +529,5 @@ def _name_option(problem: str) -> str:
 
 
 def _close_up(values: str) -> str:
+    """Return a text without blanks."""
     return values.replace(" ", "")

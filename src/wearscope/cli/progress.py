@@ -1,4 +1,4 @@
-"""What a run prints: one line on work done and time left, and how the run ended.
+"""Output of a run: a line on the work done and the time left, and the end of the run.
 
 A run ends with the answer and its page, or with the rule that failed.
 """
@@ -19,7 +19,7 @@ from wearscope.storage.files import DamagedFile, check_answer
 
 
 def say(*lines: object, err: bool = False, bold: bool = False) -> None:
-    """Print lines in which no text of a file, and no path, can steer the terminal."""
+    """Print lines without control characters, so that a file's text or a path cannot control the terminal."""
     for line in lines:
         click.echo(click.style(escape_text(str(line)), bold=bold or None, reset=bold), err=err)
 
@@ -29,7 +29,7 @@ EVERY = 60.0
 
 
 def format_seconds(seconds: float) -> str:
-    """Short text: ``45 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    """Return a duration as short text: ``45 s``, ``3 min 20 s``, ``2 h 5 min``."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -39,7 +39,7 @@ def format_seconds(seconds: float) -> str:
 
 
 def describe(done: Progress, elapsed: float) -> str:
-    """Text of the line."""
+    """Return the text of the progress line: jobs done, time used, time left."""
     if not done.total:
         return f"planning, {format_seconds(elapsed)}"
     text = f"{done.done} of {done.total} jobs, {format_seconds(elapsed)}"
@@ -54,12 +54,14 @@ def describe(done: Progress, elapsed: float) -> str:
 
 @contextmanager
 def show_progress(verbose: bool) -> Iterator[Any]:
-    """Give a `watch` for `call_snakemake`: a line that moves, plain lines where there is no terminal.
+    """Yield a function that `call_snakemake` calls after each line of Snakemake, and that shows the progress.
+
+    In a terminal it rewrites one line; elsewhere it prints a line about once a minute.
 
     Parameters
     ----------
     verbose : bool
-        Show all that Snakemake says instead.
+        Whether to show all output of Snakemake instead.
     """
     last = time.monotonic()
 
@@ -86,7 +88,7 @@ def show_progress(verbose: bool) -> Iterator[Any]:
 
 
 def shorten(path: Path) -> str:
-    """Path from the working directory where it lies below it."""
+    """Return a path relative to the working directory where it lies in it, else unchanged."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
@@ -94,7 +96,7 @@ def shorten(path: Path) -> str:
 
 
 def show_result(path: Path, opened: bool = False, err: bool = False) -> None:
-    """Print the top of a page in five lines, and where the page is."""
+    """Print the answer at the top of a page, and the path of the page."""
     if path.is_file():
         from wearscope.reporting.page_strip import read_strip
 
@@ -108,13 +110,14 @@ def show_result(path: Path, opened: bool = False, err: bool = False) -> None:
 
 
 def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
-    """Say what a finished run answers and how long it took, and keep the answers.
+    """Print the answer of a finished run and its duration, and store the answers for the history.
 
     Parameters
     ----------
     pages : sequence of Path
-        Of what was asked for, below ``results``; the first is shown.
+        Pages of the run's targets, below ``results``; the answer of the first is printed.
     seconds : float
+        Duration [s].
     settings : str
         Text of the settings, for the history.
     """
@@ -126,14 +129,14 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
     if pages:
         try:
             show_result(pages[0], err=True)
-        except DamagedFile as error:  # the run did not rewrite this file, since nothing it depends on changed
+        except DamagedFile as error:  # damaged before this run, which had no reason to write it again
             say(error, err=True)
     free = shutil.disk_usage(".").free / 1e9
     say(f"Done in {format_seconds(seconds)}; {free:.0f} GB of the disk are free.", err=True)
 
 
 def end_badly(logs: Sequence[str], targets: Sequence[str]) -> None:
-    """Say which rule failed, by Snakemake's logs of the run, and print the rule's last words."""
+    """Print which rule failed, as Snakemake's logs of the run tell, and the reason."""
     progress = Progress()
     for log in logs:
         for line in Path(log).read_text(encoding="utf-8", errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""Tables in the terminal: those of results, and the answers of a folder, newest first."""
+"""The commands `wearscope show` and `wearscope history`: tables of results, and all answers of a folder."""
 
 import glob
 import shutil
@@ -47,19 +47,19 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def find_results(place: str | None) -> Path:
-    """Folder of results, given as such or as its study."""
+    """Return a folder of results, which is given itself or by its study."""
     if place is not None and Path(place).is_dir() and not (Path(place) / "config").is_dir():
         return Path(place)
     return find_last_study(place).results
 
 
 def find_item(name: str, folder: Path) -> Path:
-    """File of a table, given by its path or by its name in a folder of results.
+    """Return the file of a table, which is given by its path or by its name in a folder of results.
 
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is no such table.
     """
     for path in (Path(name), folder / name):
         if _is_file(path):
@@ -77,14 +77,15 @@ def find_item(name: str, folder: Path) -> Path:
 
 
 def _is_file(path: Path) -> bool:
+    """Return whether a path is a file; an impossible path is none."""
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a name that no file has
+    except (OSError, ValueError):  # an impossible name
         return False
 
 
 def list_items(folder: Path) -> list[Path]:
-    """Tables of a folder of results."""
+    """Return the files of the tables in a folder of results."""
     return sorted([*folder.glob("*.parquet"), *folder.glob("design/*.parquet")])
 
 
@@ -135,11 +136,12 @@ def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-de
 
 
 def _tell(path: Path) -> str:
-    """Description of a table; tables of a design are points to simulate."""
+    """Return the description of a table; empty where it has none."""
     return "points that are simulated" if path.parent.name == "design" else QUESTIONS.get(path.stem, "")
 
 
 def _list(folder: Path) -> None:
+    """Print the tables of a folder of results, the most important first."""
     items = list_items(folder)
     if not items:
         raise InputError(f"{folder}: holds no results yet; run the study with 'wearscope run'.")

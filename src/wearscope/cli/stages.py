@@ -1,4 +1,4 @@
-"""The commands that are targets of Snakemake, and a diagnosis of recordings that come along."""
+"""The commands that run targets of Snakemake, and the command `demo`."""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -32,6 +32,7 @@ from wearscope.cli.workflow import (
 from wearscope.errors import InputError
 from wearscope.storage.files import check_folder, read_json
 
+#: Options of all commands that call Snakemake.
 _SHARED = (
     click.option("--cores", type=click.IntRange(1), help="Cores to use; all there are where left out."),
     click.option(
@@ -69,23 +70,23 @@ def run_targets(
     verbose: bool,
     snakefile: Path | None = None,
 ) -> None:
-    """Call Snakemake and show how far it is.
+    """Run targets with Snakemake and show the progress.
 
     Parameters
     ----------
     targets : tuple of str
     place : StudyPlace
     changes : mapping
-        Of the study's configuration, by the command itself.
+        Changes of the study's configuration that the command itself makes.
     settings : tuple of str
-        Further ones, as ``--set`` takes them.
+        Further changes, as the option ``--set`` takes them.
     cores, dry_run, verbose, snakefile
-        As the command takes them.
+        As the command's options.
 
     Raises
     ------
     InputError
-        Where a setting or the configuration cannot be read, or Snakemake fails: one sentence on why.
+        Where a setting or the configuration cannot be read, or Snakemake fails; the sentence tells why.
     """
     folder, config = place.folder, read_yaml(place.config)
     check_folder(folder / "results")
@@ -173,7 +174,7 @@ def report(study, opened, **options):  # type: ignore[no-untyped-def]
 
 
 def _read_named(dataset: str) -> tuple[Path, str]:
-    """Folder of a data set, and the name of its results' folder."""
+    """Return the folder of a data set, and the name of the folder of its results."""
     from wearscope.closed_loop.intake.dataset_fields import folder_name, load_fields
 
     path = Path(dataset)
@@ -187,6 +188,7 @@ def _check_asked(answer: Path, dataset: Path) -> None:
     Raises
     ------
     InputError
+        Where the digest in the answer is not that of the data set.
     """
     from wearscope.closed_loop.intake.data_folder import digest_dataset
     from wearscope.closed_loop.intake.dataset_fields import load_fields
@@ -200,6 +202,7 @@ def _check_asked(answer: Path, dataset: Path) -> None:
 
 
 def _run_on_dataset(target, dataset, study, allow_code, results, answer, opened, **options):  # type: ignore[no-untyped-def]
+    """Run a target on a data set, check that the answer is about it, and show the page."""
     path, name = _read_named(dataset)
     changes = {"dataset": str(path), **({"allow_code": True} if allow_code else {})}
     if allow_code:
@@ -224,6 +227,7 @@ _dataset_options = (
 
 
 def _dataset_command(command):  # type: ignore[no-untyped-def]
+    """Add the argument and the options of a command on a data set."""
     for option in reversed(_dataset_options):
         command = option(command)
     return click.argument("dataset")(command)
@@ -311,7 +315,7 @@ def reevaluate(study, dataset, before, after, opened, **options):  # type: ignor
 
 
 def _has_payload(dataset: Path) -> bool:
-    """Whether a run of a data set, given by its folder, carries a payload that is declared."""
+    """Return whether any run of a data set, given by its folder, declares a payload."""
     from wearscope.closed_loop.intake.dataset_fields import load_fields
 
     runs = load_fields(dataset / "dataset.yaml").get("runs")
@@ -320,7 +324,7 @@ def _has_payload(dataset: Path) -> bool:
 
 
 def _locate(robot: str) -> str:
-    """Absolute path of a robot given by one; names stay."""
+    """Return the absolute path of a robot that is given by a path; a name stays as it is."""
     return str(Path(robot).resolve()) if Path(robot).exists() else robot
 
 

@@ -1,4 +1,4 @@
-"""Which study a command is about: a folder, a configuration file, or the name of one that comes along."""
+"""Finds the study of a command: by its folder, its configuration file, or the name of a platform's study."""
 
 import hashlib
 import json
@@ -19,22 +19,22 @@ from wearscope.robots.model_file import read_text
 from wearscope.storage.files import digest_file, read_json, write_text
 from wearscope.storage.plain_yaml import read_mapping
 
-#: Values of `allow_code` that allow nothing.
+#: Values of `allow_code`, in small letters, that allow nothing.
 _FALSE = ("none", "false", "no", "off", "n", "f", "0", "0.0")
 
 
 @dataclass(frozen=True)
 class StudyPlace:
-    """Where a study is.
+    """Place of a study.
 
     Attributes
     ----------
     folder : Path
-        Working directory: paths in the configuration, and results, are from here.
+        Working directory, to which paths in the configuration refer, and which contains the results.
     config : Path
-        The configuration, absolute.
+        Absolute path of the configuration.
     named : bool
-        Whether the command names it, or it was found in the working directory.
+        Whether the user named the study; otherwise it was found in the working directory.
     """
 
     folder: Path
@@ -54,18 +54,19 @@ class StudyPlace:
 
 
 def find_study(reference: str | None) -> StudyPlace:
-    """Study given as a command takes it.
+    """Find the study that a command's argument names.
 
     Parameters
     ----------
     reference : str or None
-        A folder with ``config/config.yaml``, a configuration file (its paths are from the working
-        directory), or ``paper`` or ``quick``, which come along; the working directory where None.
+        A folder with ``config/config.yaml``, a configuration file, or ``paper`` or ``quick``, which are part
+        of the platform. None means the working directory. Paths in a configuration file refer to the study's
+        folder where that has a Snakefile, else to the working directory.
 
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is no such study.
     """
     path = Path(reference or ".")
     for own in (path / "config" / "config.yaml", path / "config.yaml"):
@@ -83,19 +84,19 @@ def find_study(reference: str | None) -> StudyPlace:
     raise InputError(f"{where}; make one with 'wearscope new study NAME', or name 'quick' or 'paper'.")
 
 
-#: Where a folder keeps which study was run in it last.
+#: File, relative to the working directory, that names the study that was run there last.
 LAST = Path("results") / ".last-study.json"
 
 
 def remember_study(place: StudyPlace) -> None:
-    """Keep which study was run in the working directory last."""
+    """Store which study was run in the working directory last."""
     if (place.folder / "results").is_dir():
         content = {"folder": str(place.folder), "config": str(place.config)}
         write_text(Path.cwd() / LAST, json.dumps(content))
 
 
 def find_last_study(reference: str | None) -> StudyPlace:
-    """As `find_study`; without a reference the study that was run here last, if any."""
+    """Find a study as `find_study` does; without a reference, take the study that was run here last."""
     if reference is None and LAST.is_file():
         try:
             place = StudyPlace(**{name: Path(one) for name, one in read_json(LAST).items()}, named=False)
@@ -107,14 +108,14 @@ def find_last_study(reference: str | None) -> StudyPlace:
 
 
 def find_study_or_default(reference: str | None) -> StudyPlace:
-    """The named study; else the study in the working directory; else the one that ships with the package."""
+    """Return the named study, else that of the working directory, else that of the package."""
     if reference is None and not Path("config/config.yaml").is_file():
         return StudyPlace(Path.cwd(), find_home() / "config" / "config.yaml")
     return find_study(reference)
 
 
 def list_code(config: Mapping[str, Any]) -> list[str]:
-    """Files of own code that a configuration names, and settings that allow code; sorted, each once."""
+    """List the .py files that a configuration names, and settings that allow code; sorted, each once."""
     detectors, loop = config.get("detectors"), config.get("closed_loop")
     loop = loop if isinstance(loop, Mapping) else {}
     listed = [config.get("cycles"), loop.get("effects"), config.get("allow_code")]
@@ -130,15 +131,15 @@ def list_code(config: Mapping[str, Any]) -> list[str]:
 
 
 def check_code_named(place: StudyPlace, config: Mapping[str, Any], allowed: bool = False) -> None:
-    """Say which code of a study runs, once somebody has allowed it.
+    """Refuse a study's code that the user has not allowed to run; print which code runs.
 
     Parameters
     ----------
     place : StudyPlace
     config : mapping
-        The study's settings.
+        Settings of the study.
     allowed : bool
-        Whether the command allows it.
+        Whether an option of the command allows the code.
 
     Raises
     ------
@@ -159,7 +160,11 @@ def check_code_named(place: StudyPlace, config: Mapping[str, Any], allowed: bool
 
 
 def _ask(place: StudyPlace, code: Sequence[str], told: str, allowed: bool) -> None:
-    """Ask whether a study's code may run, once for each content of it; the user's own home remembers that."""
+    """Ask the user whether a study's code may run.
+
+    The answer is stored in the user's home by a digest of the code, so that unchanged code is asked about
+    once.
+    """
     files = [place.folder / one for one in code if one.endswith(".py")]
     digests = [digest_file(file) if file.is_file() else "" for file in files]
     asked = hashlib.sha256("\n".join([str(place.config.resolve()), *code, *digests]).encode()).hexdigest()
@@ -179,12 +184,12 @@ def _ask(place: StudyPlace, code: Sequence[str], told: str, allowed: bool) -> No
 
 
 def read_yaml(path: Path) -> dict:
-    """Content of a YAML file that holds a mapping.
+    """Read a YAML file that holds a mapping.
 
     Raises
     ------
     InputError
-        Where it is none.
+        Where it does not hold one, or asks for code to be run (``__use_yte__``).
     """
     content = read_mapping(read_text(path, "a configuration, which is a YAML file"), str(path))
     if "__use_yte__" in content:
@@ -193,12 +198,12 @@ def read_yaml(path: Path) -> dict:
 
 
 def read_name(path: Path, content: Mapping[str, Any] | None = None) -> str:
-    """Name of the study in a configuration; the file is read where no content is given.
+    """Return the name of the study in a configuration; the file is read where no content is given.
 
     Raises
     ------
     InputError
-        Where it has none that makes a folder.
+        Where it has no name, or one that cannot be the name of a folder.
     """
     name = (read_yaml(path) if content is None else content).get("study")
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
@@ -207,5 +212,5 @@ def read_name(path: Path, content: Mapping[str, Any] | None = None) -> str:
 
 
 def count_cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

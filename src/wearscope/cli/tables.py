@@ -1,4 +1,4 @@
-"""Results as rows of text."""
+"""Reads tables of results and formats them as rows of text."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from wearscope.storage.files import load_json
 
 
 def format_value(value: Any) -> str:
-    """Short text of a table's value."""
+    """Return a table's value as short text."""
     if isinstance(value, float):
         return "n/a" if value != value else f"{value:.4g}"
     if value is None or value is pd.NA:
@@ -27,7 +27,7 @@ def format_value(value: Any) -> str:
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Table of a file, and the units of its columns.
+    """Read the table in a file; return it and the units of its columns.
 
     Raises
     ------
@@ -47,6 +47,7 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
 
 
 def _read(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Read a Parquet, CSV or JSON file as a table with units; only Parquet has units."""
     if path.suffix == ".parquet":
         tables.check_unpacked(path)
         return tables.read_table(path), tables.read_units(path)
@@ -66,25 +67,25 @@ def frame_rows(
     count: int,
     detectors: Mapping[str, str],
 ) -> tuple[list[str], list[list[str]], int]:
-    """Headers and rows as text, and how many rows were left out.
+    """Return headers and rows as text, and the number of rows that were left out.
 
     Parameters
     ----------
     frame : DataFrame
     units : mapping of str to str
-        By column.
+        Unit by column.
     where : str
-        What messages call the table.
+        Name of the table in messages.
     conditions : sequence of str
-        ``column=value``.
+        Conditions ``column=value`` on the rows.
     sort : str, optional
-        Column; with ``-`` before it, descending.
+        Column to sort by; with ``-`` before it, the largest value comes first.
     columns : str, optional
-        Those to show, with commas.
+        Columns to show, separated by commas.
     count : int
         Largest number of rows; 0 for all.
     detectors : mapping of str to str
-        Full names, by code.
+        Full names of detectors by code.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def frame_rows(
         raise InputError(f"{where}: the column has no order; leave out --where and --sort.") from None
     if columns:
         frame = frame[[known(name.strip()) for name in columns.split(",")]]
-    elif len(frame):  # a matrix a cell, such as a covariance, is for programs
+    elif len(frame):  # columns of matrices, such as covariances, are only useful to programs
         frame = frame.loc[:, [not isinstance(one, list | np.ndarray) for one in frame.iloc[0]]]
     shown = frame.head(count) if count > 0 else frame
     if "fda" in shown:
@@ -126,6 +127,7 @@ def frame_rows(
 
 
 def _is_equal(value: Any, text: str) -> bool:
+    """Return whether a value equals a text, as text or as a number."""
     if str(value) == text:
         return True
     try:

@@ -1,4 +1,4 @@
-"""Calls Snakemake: its output goes to a log file, the reason of a failure into one sentence."""
+"""Calls Snakemake: writes its output to a log file, and states the reason of a failure in one sentence."""
 
 import fcntl
 import json
@@ -29,14 +29,14 @@ _PLANNED = re.compile(r"^total\s+(\d+)$")
 _BEGUN = re.compile(r"^(?:local)?rule (\w+):$|^Job \d+: (.+)$")
 _FAILED = re.compile(r"^Error in rule (\w+):$")
 _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error details\)$")
-#: A job's line on its own progress: parts done, or the present step of a diagnosis.
+#: Lines in which a job tells its progress: parts done; the current step of a diagnosis.
 _PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
 _SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
 _DIED = re.compile(r"^Command '.+' died with <Signals\.(\w+): \d+>\.$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
-#: Time that Snakemake has, once interrupted, to end its jobs elsewhere by itself [s].
+#: Time that an interrupted Snakemake gets to cancel its jobs on other machines [s].
 _GRACE = 2.0
-#: Lines of Snakemake's that do not say what went wrong.
+#: Lines of Snakemake that do not tell the reason of a failure.
 _CHATTER = re.compile(
     r"^(Shutting down|Exiting because|Complete log|At least one job|Using workflow specific profile|"
     r"Removing |\[\w{3} \w{3} +\d+|  File \"|Building DAG|None$|host: |WorkflowError:$|Trying to restart)"
@@ -45,24 +45,25 @@ _CHATTER = re.compile(
 
 @dataclass
 class Progress:
-    """What Snakemake has told so far.
+    """Progress of a run, as far as Snakemake's output tells it.
 
     Attributes
     ----------
     done, total : int
-        Jobs.
+        Number of finished jobs, and of all jobs.
     message : str
-        Of the job begun last.
+        Message of the job that started last.
     part : tuple of (int, int, str)
-        Done, total and name of the parts of the job that spoke last; nothing once they are done.
+        Number of finished parts, of all parts, and name of the parts of the job that reported last; None once
+        all are finished.
     begun : dict of str to (float, int)
-        Seconds since the start, and parts done, where a job first spoke of its parts.
+        By job, seconds since the start and finished parts at its first report.
     part_seconds_left : float or None
-        Time that those parts still take at their own speed.
+        Estimated time for the remaining parts [s].
     rule, log : str
-        Of the first job that failed.
+        Rule and log of the first job that failed.
     ended_by : str
-        Signal that ended it, if one did.
+        Signal that ended that job, if any.
     last : deque of str
         Last lines that are not empty.
     """
@@ -79,7 +80,7 @@ class Progress:
     last: deque[str] = field(default_factory=lambda: deque(maxlen=60))
 
     def read(self, line: str, elapsed: float = 0.0) -> None:
-        """Take a line of the output, so many seconds after the start."""
+        """Evaluate a line of the output that came `elapsed` seconds after the start."""
         line = line.rstrip()
         if line:
             self.last.append(line)
@@ -101,24 +102,25 @@ class Progress:
             self.log = found[1]
 
     def _take_part(self, job: str, done: int, total: int, what: str, elapsed: float) -> None:
+        """Store a job's report on its parts, and estimate the time for the rest."""
         start, first = self.begun.setdefault(job, (elapsed, done))
         left, speed = total - done, (done - first) / (elapsed - start) if elapsed > start else 0.0
         self.part = (done, total, what) if left > 0 else None
         self.part_seconds_left = left / speed if speed > 0.0 and left > 0 else None
 
     def seconds_left(self, elapsed: float) -> float | None:
-        """Time that the jobs left take if they take as long as those done; None before the first is done."""
+        """Estimate the time for the remaining jobs [s] from the finished ones; None before the first."""
         return elapsed * (self.total - self.done) / self.done if self.done else None
 
 
 def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) -> str:
-    """One sentence on why Snakemake failed, from the failed job's log or Snakemake's last words.
+    """Return one sentence on why Snakemake failed, from the failed job's log or Snakemake's last lines.
 
     Parameters
     ----------
     progress : Progress
     targets : sequence of str
-        What was asked for.
+        Targets of the run.
     folder : Path
         Working directory of Snakemake.
     """
@@ -130,7 +132,7 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
     if progress.log:
         told = _last_line(folder / progress.log)
         plain = re.sub(r"^\[ *[\d.]+ s\] ", "", told)
-        if plain != told:  # the job told its own sentence, with a time before it
+        if plain != told:  # the job printed a sentence of its own, after a time in brackets
             return plain
         return f"{progress.rule}: a defect of the program or of own code ({told}); its log is {progress.log}."
     if any(_NO_TARGET.match(line) for line in progress.last):
@@ -140,6 +142,7 @@ def explain_failure(progress: Progress, targets: Sequence[str], folder: Path) ->
 
 
 def _last_line(path: Path) -> str:
+    """Return the last line of a file that is not empty."""
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     except OSError:
@@ -148,15 +151,15 @@ def _last_line(path: Path) -> str:
 
 
 def read_setting(setting: str) -> dict[str, Any]:
-    """``snr.runs=100`` as a part of a configuration: ``{"snr": {"runs": 100}}``.
+    """Read a setting such as ``snr.runs=100`` as a part of a configuration: ``{"snr": {"runs": 100}}``.
 
-    A value is a number, truth value or null, or a list or mapping in brackets; all else is text as it is
-    written, whatever YAML would make of it.
+    A value is a number, truth value or null, or a list or mapping in brackets. Anything else is taken as
+    text, also where YAML would read it differently.
 
     Raises
     ------
     InputError
-        Where it is no ``name=value``, or the brackets hold no YAML.
+        Where it has not the form ``name=value``, or the text in brackets is not valid YAML.
     """
     path, equals, text = setting.partition("=")
     names = path.split(".")
@@ -177,7 +180,7 @@ def read_setting(setting: str) -> dict[str, Any]:
 
 
 def merge(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration with changes, which leave the rest of a section as it is."""
+    """Return a configuration with changes; settings of a section that a change does not name are kept."""
     merged = dict(settings)
     for name, value in changes.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(name), Mapping)
@@ -187,9 +190,10 @@ def merge(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, 
 
 @contextmanager
 def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
-    """Hand a configuration to Snakemake as data: a JSON file, in which nothing is read as YAML or code.
+    """Yield a temporary JSON file with a configuration for Snakemake.
 
-    Snakemake would read ``--config`` with several parsers, and run Python that a YAML file may hold.
+    JSON is pure data. Snakemake would read ``--config`` with several parsers, and run Python code that a YAML
+    file may contain.
     """
     path = folder / "results" / f".wearscope-{os.getpid()}.json"
     for left in path.parent.glob(".wearscope-*.json"):  # left by commands that were killed
@@ -204,7 +208,10 @@ def keep_settings(folder: Path, settings: Mapping[str, Any]) -> Iterator[Path]:
 
 @contextmanager
 def wait_turn(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Wait until no other command computes in a folder: two at once would miss each other's files."""
+    """Hold the lock of a folder, after waiting for a command that holds it.
+
+    Two commands that compute in a folder at the same time would not notice each other's files.
+    """
     path = folder / "results" / LOCK
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -230,7 +237,7 @@ def build_command(
     options: Sequence[str] = (),
     snakefile: Path | None = None,
 ) -> list[str]:
-    """Command line of Snakemake.
+    """Return the command line of Snakemake.
 
     Parameters
     ----------
@@ -239,16 +246,16 @@ def build_command(
         Working directory.
     cores : int
     settings : Path
-        The whole configuration, see `keep_settings`.
+        File with the whole configuration, see `keep_settings`.
     options : sequence of str
-        Passed on as they are.
+        Further options of Snakemake.
     snakefile : Path, optional
-        The user's own, and ``profiles/default`` next to it; the platform's where left out.
+        The user's own workflow, with ``profiles/default`` next to it; by default the platform's.
 
     Raises
     ------
     InputError
-        Where the working directory, which may be a data set, brings modules for Snakemake.
+        Where the working directory contains Python modules that Snakemake would import.
     """
     brought = folder / ".snakemake" / "pip-deployments"
     if os.path.lexists(brought):
@@ -269,7 +276,7 @@ def build_command(
 def call_snakemake(
     command: Sequence[str], folder: Path, log: Path, watch: Callable[[Progress, float, str], None]
 ) -> tuple[int, Progress]:
-    """Run Snakemake with its output in a file; it and all its jobs end with this process, also interrupted.
+    """Run Snakemake and write its output to a file; it and its jobs end with this process in any case.
 
     Parameters
     ----------
@@ -277,7 +284,7 @@ def call_snakemake(
     folder : Path
         Working directory.
     log : Path
-        Written anew.
+        Log file, which is overwritten.
     watch : callable
         Called with the progress, the seconds since the start and the line, after each line.
 
@@ -313,7 +320,7 @@ def call_snakemake(
                     STARTER: identify_process(os.getpid()),
                 },
                 stdin=subprocess.DEVNULL,
-                process_group=0,  # an interrupt from the terminal is passed on once, by this process
+                process_group=0,  # only this process gets an interrupt from the terminal, and passes it on
             ) as process,
         ):
             assert process.stdout is not None
@@ -328,14 +335,17 @@ def call_snakemake(
                 _end_group(process)
                 raise
     except OSError as error:
-        if error.errno in FULL and not error.filename:  # an open file does not name itself: the log
+        if error.errno in FULL and not error.filename:  # an error without a file's name is about the open log
             raise explain_unwritten(log, error) from error
         raise
     return process.returncode, progress
 
 
 def _end_group(process: subprocess.Popen[str]) -> None:
-    """Interrupt Snakemake and its jobs, and kill what has not ended after a while; no result is lost."""
+    """Interrupt Snakemake and its jobs, and kill those that have not ended after `_GRACE` seconds.
+
+    No finished result is lost, as each is written as a whole.
+    """
     try:
         os.killpg(process.pid, signal.SIGINT)
         process.wait(_GRACE)

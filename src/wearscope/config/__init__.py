@@ -1,4 +1,4 @@
-"""The configuration of a study, validated; the text under each field is its reference manual."""
+"""The validated configuration of a study; the text below each field is its entry in the reference manual."""
 
 from wearscope.config.reading import drop_retired, list_breaches, load_config, make_schema
 from wearscope.config.sections import TAKEN, CarryOverSettings, PartitionSettings, SimulationSettings

@@ -1,4 +1,4 @@
-"""Reads a configuration, and says in a sentence what is wrong with it."""
+"""Reads a configuration, and states each error in it in one sentence."""
 
 import difflib
 import json
@@ -12,7 +12,7 @@ from wearscope.config.sections import PATTERNS
 from wearscope.config.study import StudyConfig
 from wearscope.errors import InputError
 
-#: Settings that only earlier releases had.
+#: Settings that earlier releases had, and that archived configurations may still hold.
 RETIRED = (
     "attribution_board",
     *(
@@ -27,7 +27,7 @@ RETIRED = (
 
 
 def drop_retired(mapping: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    """An archived configuration without settings that only earlier releases had."""
+    """Return an archived configuration without the settings that only earlier releases had."""
     return {
         name: drop_retired(value, f"{section}{name}.") if isinstance(value, Mapping) else value
         for name, value in mapping.items()
@@ -41,12 +41,12 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
     Parameters
     ----------
     mapping : mapping
-        As read from YAML. Numbers may be text (YAML reads ``1e-3`` as text).
+        Content of the YAML file. Numbers may be text, as YAML reads ``1e-3`` as text.
 
     Raises
     ------
     InputError
-        With the path of the first field that is wrong, what is wrong with it, and what would be right.
+        Where a field is wrong. The sentence names the first such field, the error and a valid value.
     """
     try:
         study = StudyConfig.model_validate(dict(mapping))
@@ -58,7 +58,7 @@ def load_config(mapping: Mapping[str, Any]) -> StudyConfig:
 
 
 def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
-    """Everything that is wrong with a configuration, a sentence each; misspelt settings first."""
+    """Return a sentence for each error in a configuration; unknown settings come first."""
     if told := list(list_excesses(mapping)):
         return told
     try:
@@ -68,7 +68,7 @@ def list_breaches(mapping: Mapping[str, Any]) -> list[str]:
 
 
 def list_excesses(value: Any, path: str = "") -> Iterator[str]:
-    """Parts of a configuration that are longer or larger than `wearscope.limits` allows, a sentence each."""
+    """Yield a sentence for each list, text or number of a configuration that exceeds `wearscope.limits`."""
     inner: Iterable[tuple[Any, Any]] = ()
     if isinstance(value, Mapping):
         inner = value.items()
@@ -89,16 +89,18 @@ def list_excesses(value: Any, path: str = "") -> Iterator[str]:
 
 
 def _explain(error: ValidationError) -> str:
+    """Describe the first error, and the number of the others, in one sentence."""
     more = error.error_count() - 1
     return _explain_one(_order(error)[0], f" ({more} more like this)" if more else "")
 
 
 def _order(error: ValidationError) -> list[Any]:
-    """Errors, unknown settings first: what is missing is often misspelt."""
+    """Return the errors with unknown settings first: a missing setting is often a misspelt one."""
     return sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
 
 
 def _explain_one(breach: Any, tail: str) -> str:
+    """Describe an error of pydantic in one sentence that begins with the setting's path."""
     path = ".".join(str(part) for part in breach["loc"] if part != "[key]")
     if breach["type"] == "extra_forbidden":
         known = _known_keys(breach["loc"][:-1])
@@ -117,7 +119,7 @@ def _explain_one(breach: Any, tail: str) -> str:
 
 
 def _known_keys(path: tuple[int | str, ...]) -> list[str]:
-    """Keys known in the section at `path`."""
+    """Return the keys that the section at `path` has."""
     section: Any = StudyConfig
     for part in path:
         if isinstance(section, type) and issubclass(section, BaseModel):
@@ -128,5 +130,5 @@ def _known_keys(path: tuple[int | str, ...]) -> list[str]:
 
 
 def make_schema() -> str:
-    """JSON Schema of the configuration as text; `config/schema.json` is this, for editors."""
+    """Return the JSON Schema of the configuration as text, which is the file `config/schema.json`."""
     return json.dumps(StudyConfig.model_json_schema(), indent=2) + "\n"

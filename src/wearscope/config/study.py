@@ -1,4 +1,4 @@
-"""The configuration of a study as a whole, and what its sections must agree on."""
+"""The configuration of a study as a whole, and the checks that concern several of its sections."""
 
 import re
 from collections import Counter
@@ -36,7 +36,7 @@ from wearscope.config.sections import (
 
 
 def _allow_short(field: str) -> BeforeValidator:
-    """Allow ``name: text`` for ``name: {field: text}`` in a mapping of sections."""
+    """Return a validator that allows ``name: text`` for ``name: {field: text}`` in a mapping of sections."""
 
     def lengthen(value: Any) -> Any:
         if not isinstance(value, Mapping):
@@ -52,39 +52,40 @@ class StudyConfig(Section):
     study: Name
     """Name of the study; its results go to `results/<study>/`."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Root of all random numbers."""
+    """Root seed of all random numbers."""
     robots: Annotated[list[str], Field(min_length=1)]
     """Names of folders of `config/robots/`, or paths of a robot folder or model file."""
     carry_over: Annotated[dict[str, CarryOverSettings], _allow_short("source")] = Field(default={})
-    """Robots, by the name they have in tables, whose model lacks wear or temperature, e.g. the
-    `model_after.yaml` of a closed loop: `model_after: medium` lets the robot `medium` lend them."""
+    """Robots whose friction does not depend on wear or temperature, by their name in tables, and the robot
+    from which they take this dependence. For the `model_after.yaml` of a closed loop, `model_after: medium`
+    takes it from the robot `medium`."""
     screening: Literal["refuse", "drop"] = "refuse"
-    """What becomes of a factor that moves no torque of a robot: the study is refused, or the factor is
+    """What happens where a factor changes no torque of a robot: the study is refused, or the factor is
     dropped from that robot's answers and the report says so. The wear of a tested axis is never dropped."""
     cycles: Annotated[list[str], Field(min_length=1)]
     """Names of modules of `wearscope.cycles`, or paths of .py files that define `CYCLE`."""
     axes: Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(min_length=1)] = Field(default=[1, 2, 3])
-    """Axes under test, any of the robots': the joints that `wear_axes` of the model names count first, then
-    the others. The wear of each is `f` of its own cells, `w1` or `w2` of the others'; wear factors beyond the
-    tested axes are the wear of the first other axes."""
+    """Tested axes. The axes count the joints in the model's `wear_axes` first, then the others. The wear of
+    an axis is `f` in its own cells, and `w1` or `w2` in those of the other axes. Where there are more wear
+    factors than tested axes, the further ones are the wear of the first other axes."""
     detectors: Annotated[dict[Name, DetectorSettings], Field(min_length=1), _allow_short("use")]
-    """Detectors by the name they have in tables and figures."""
+    """Detectors by their name in tables and figures."""
     factors: Annotated[dict[FactorName, FactorSettings], Field(min_length=1)]
     """Factors of the design by column name, in the design's order; the fault is `f` and comes before other
-    wear. What no factor is about stays at its nominal value."""
+    wear factors. Whatever no factor varies stays at its nominal value."""
     design: DesignSettings = DesignSettings()
     """The design matrix."""
     simulation: SimulationSettings = SimulationSettings()
     """The simulation."""
     partitions: PartitionSettings = PartitionSettings()
-    """How a study of many robots is divided."""
+    """Division of a study of many robots."""
     max_failed_share: Share = 0.05
-    """Largest share of a cell's points that may fail in a set, in simulation or in a detector; above it the
-    study is refused."""
+    """Largest share of a cell's points in a set that may fail, in the simulation or in a detector; above it
+    the study is refused."""
     time_limit: Annotated[float, Field(gt=0)] = 300.0
-    """Longest time [s] for the check of a robot and test-cycle, the simulation of a design point, and a
-    detector's fit or answer. What takes longer is ended: a simulation or an answer is then a failed point, a
-    check or a fit refuses the study."""
+    """Longest time [s] for the check of a robot and test-cycle, the simulation of a design point, the fit of
+    a detector, or a test quantity. A simulation or test quantity that takes longer is a failed point; a check
+    or fit that takes longer refuses the study."""
     surrogates: SurrogateSettings = SurrogateSettings()
     """The surrogates."""
     sensitivity: SensitivitySettings = SensitivitySettings()
@@ -100,47 +101,50 @@ class StudyConfig(Section):
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     """The closed loop."""
     detect: DetectSettings = DetectSettings()
-    """Detectors on recordings."""
+    """Detectors on measured recordings."""
     export: ExportSettings = ExportSettings()
-    """The corrected model taken to other simulators."""
+    """Export of the corrected model to other simulators."""
     tracking: TrackingSettings = TrackingSettings()
-    """Sessions tracked."""
+    """Tracking of sessions."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
-    """What the correction changes."""
+    """Reevaluation: how the correction changes the study's answers."""
     allow_code: bool | list[str] = False
-    """Whether a robot's model or a data set may name effects by the path of a .py file, whose code then runs:
-    `true`, as in `--config dataset=PATH allow_code=true`, or, for models, the paths that may be named. Either
-    may come from someone else."""
+    """Whether a robot's model or a data set, which may come from someone else, may name effects by the path
+    of a .py file, whose code then runs. It is `true`, as in `--config dataset=PATH allow_code=true`, or, for
+    models, a list of the allowed paths."""
     dataset: str | None = None
     """Folder of a measured data set for the targets `closed_loop`, `detect` and `track`; usually given as
-    `--config dataset=PATH`. Left out, `closed_loop` runs the demonstration."""
+    `--config dataset=PATH`. Without it, `closed_loop` runs the demonstration."""
 
     def wear_factors(self) -> dict[int, str]:
-        """Factor that is the wear of an axis, by axis: the tested ones, and the first others."""
+        """Return the factor that is the wear of an axis, by axis: tested axes, and others if needed."""
         wear = [name for name, factor in self.factors.items() if factor.kind == "wear"]
         others = (axis for axis in count(1) if axis not in self.axes)
         axes = [*self.axes, *islice(others, max(len(wear) - len(self.axes), 0))]
         return dict(zip(sorted(axes), wear, strict=False))
 
     def worn_axes(self) -> list[int]:
-        """Axes that wear, in the order of their factors; the axes under test where no factor is wear."""
+        """Return the axes that wear, in the order of their factors; the tested axes without wear factors."""
         return list(self.wear_factors()) or sorted(self.axes)
 
     def tested_factors(self) -> list[str]:
-        """Factors that are the fault of a tested axis."""
+        """Return the factors that are the fault of a tested axis."""
         wear = self.wear_factors()
         return [wear.get(axis, "f") for axis in self.axes]
 
     def may_run_code(self) -> bool:
-        """Whether effect files that the data set names may run."""
+        """Return whether effect files that the data set names may run."""
         return self.allow_code is True or self.closed_loop.allow_code
 
     def count_audit_points(self) -> int:
-        """Number of audit points a robot and test-cycle: z0, then H0 and H1 at both sides of each factor."""
+        """Return the number of audit points for each robot and test-cycle.
+
+        They are z0, and H0 and H1 of every tested axis at both sides of each factor, at most `audit.points`.
+        """
         return min(self.audit.points, 1 + len(self.scope.factors) * (2 + 2 * len(self.axes)))
 
     def count_filling_points(self) -> tuple[int, int]:
-        """Number of filling and of checking points a robot and test-cycle."""
+        """Return the numbers of filling and of checking points for each robot and test-cycle."""
         asked, axes = self.surrogates.filling, len(self.axes)
         return (
             asked.points + asked.question_points * axes + asked.replicates,
@@ -148,12 +152,12 @@ class StudyConfig(Section):
         )
 
     def factor_kinds(self, set_name: str = "") -> dict[str, str]:
-        """Kind by factor, as the simulation takes it; with the mismatch in the sets of that name."""
+        """Return the kind by factor as the simulation takes it, in mismatch sets also for the mismatch."""
         kinds = {name: factor.full_kind() for name, factor in self.factors.items()}
         return kinds | {path: path for path in self.direct.mismatch if set_name.startswith("mismatch")}
 
     def factor_ranges(self) -> dict[str, list[Any]]:
-        """Kind and natural range by factor, validation included."""
+        """Return kind and natural range by factor, including the validation's range."""
         ranges = {}
         for name, factor in self.factors.items():
             ends = [*factor.range, *(factor.validation or ())]
@@ -161,7 +165,7 @@ class StudyConfig(Section):
         return ranges
 
     def factor_table(self) -> list[dict[str, Any]]:
-        """Factors as the keyword arguments of `wearscope.designs.factors.Factor`, in the design's order."""
+        """Return the factors as keyword arguments of `wearscope.designs.factors.Factor`, in their order."""
         table = []
         axes = {name: axis for axis, name in self.wear_factors().items()}
         for name, factor in self.factors.items():
@@ -185,6 +189,7 @@ class StudyConfig(Section):
     @field_validator("study")
     @classmethod
     def _not_taken(cls, value: str) -> str:
+        """Refuse a name whose folder of results is used for something else."""
         if value in TAKEN:
             raise ValueError(f"results/{value}/ holds something else; choose another name")
         return value
@@ -192,6 +197,7 @@ class StudyConfig(Section):
     @field_validator("robots", "cycles", "axes")
     @classmethod
     def _no_repeats(cls, value: list[Any]) -> list[Any]:
+        """Refuse a list that names something twice."""
         for one, times in Counter(value).items():
             if times > 1:
                 raise ValueError(f"{one} is named twice; name it once")
@@ -199,6 +205,7 @@ class StudyConfig(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> "StudyConfig":
+        """Refuse settings that contradict each other across sections."""
         if "f" not in self.factors:
             raise ValueError("factors: f, the fault, is missing; add it")
         for name, factor in self.factors.items():
@@ -264,10 +271,10 @@ class StudyConfig(Section):
         return self
 
     def divide(self) -> list["StudyConfig"]:
-        """Partitions, each a study of some of the robots; none where the study is not divided.
+        """Return the partitions, each a study of some of the robots; none where the study is not divided.
 
-        A closed loop or a correction belongs to the whole study, not to a partition; direct Monte Carlo,
-        which is about one robot, to neither.
+        The closed loop and the reevaluation belong to the whole study, not to a partition. Direct simulation,
+        which concerns one robot only, is not made in a divided study.
         """
         size = self.partitions.robots
         if self.partitions.number is not None or len(self.robots) <= self.partitions.above:
@@ -292,7 +299,7 @@ class StudyConfig(Section):
 
 
 def label(reference: str) -> str:
-    """Name that a robot or test-cycle given by name or path has in tables and folders.
+    """Return the name in tables and folders of a robot or test-cycle that is given by name or path.
 
     ``medium`` -> ``medium``; ``path/to/arm`` and ``path/to/arm/model.yaml`` -> ``arm``;
     ``path/model_after.yaml`` -> ``model_after``; ``my/slow.py`` -> ``slow``.

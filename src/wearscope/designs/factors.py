@@ -36,8 +36,8 @@ class Factor:
     nominal : float, optional
         Coded level of the nominal point z0, eq. (18); by default -2 (no wear) for wear, 0 for other factors.
     validation_low, validation_high : float, optional
-        Natural levels that -2 and +2 stand for in the validation design (Table 3); by default the ends of the
-        inner 80 % of the range.
+        Natural levels at -2 and +2 of the validation design (Table 3); by default the ends of the inner 80 %
+        of the range.
     axis : int, optional
         Axis that a factor of kind wear wears; by default axis k for the k-th such factor.
 
@@ -106,7 +106,7 @@ class Factor:
 
     @property
     def validation_range(self) -> tuple[float, float]:
-        """Natural levels that -2 and +2 stand for in the validation design."""
+        """Natural levels at -2 and +2 of the validation design."""
         span = self.high - self.low
         low = self.low + 0.1 * span if self.validation_low is None else self.validation_low
         high = self.high - 0.1 * span if self.validation_high is None else self.validation_high

@@ -1,1 +1,1 @@
-"""What a notebook or a script calls: recordings in, results with tables, plots and a short text out."""
+"""Functions for notebooks and scripts: from recordings to results with tables, plots and a short text."""

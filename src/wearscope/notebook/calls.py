@@ -1,6 +1,7 @@
-"""`diagnose`, `track`, `detect` and `evaluate`: each takes a folder, or data frames and the robot's URDF.
+"""Functions `diagnose`, `track`, `detect` and `evaluate` for notebooks, and their results.
 
-A result is shown as a short text, a table with units, and plots on axes of one's own.
+Each function takes a data set's folder, or data frames and the robot's URDF. A result has a headline, a table
+with units, and plots, which can be drawn on given axes.
 """
 
 import tempfile
@@ -32,37 +33,37 @@ if TYPE_CHECKING:
     from wearscope.notebook.model_errors import ModelErrors
 
 
-#: Unit of a column whose rows have units of their own.
+#: Unit of a column whose rows have different units, which the column `unit` states.
 OWN_UNIT = "as the column unit says"
 
 
 def with_units(table: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
-    """Table whose ``attrs["units"]`` has the unit of each column that has one."""
+    """Set ``attrs["units"]`` of a table to the units of its columns, and return the table."""
     table.attrs["units"] = {name: unit for name, unit in units.items() if name in table.columns}
     return table
 
 
 def take_axes(ax: "Axes | None", width: float = 7.0, height: float = 4.0) -> "Axes":
-    """The caller's axes, or new ones."""
+    """Return the given axes, or new ones."""
     return new_figure(width, height).subplots() if ax is None else ax
 
 
 def check_known(what: str, asked: str | None, known: Iterable[str]) -> None:
-    """Refuse a plot of something that is not there; None asks for nothing."""
+    """Refuse a plot of a joint or detector that does not exist; None passes."""
     known = list(known)
     if asked is not None and asked not in known:
         raise InputError(f"plot: there is no {what} '{asked}'; there are {', '.join(known)}.")
 
 
 class Shown:
-    """What a notebook shows of a result: its headline, then `summary`."""
+    """A result that a notebook shows by its headline and its summary."""
 
     def headline(self) -> str:
-        """The answer in a sentence."""
+        """Return the answer in one sentence."""
         raise NotImplementedError
 
     def summary(self) -> pd.DataFrame:
-        """The answer as a table with units."""
+        """Return the answer as a table with units."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -76,12 +77,12 @@ class Shown:
 
 @dataclass(frozen=True, repr=False)
 class DiagnosisResult(Shown):
-    """What `wearscope.diagnose` found.
+    """Result of `wearscope.diagnose`.
 
     Attributes
     ----------
     outcome : Diagnosis
-        All of it; its attributes are those of the result, too.
+        The complete diagnosis; its attributes are attributes of the result too.
     """
 
     outcome: "Diagnosis"
@@ -92,16 +93,16 @@ class DiagnosisResult(Shown):
         return getattr(self.outcome, name)
 
     def headline(self) -> str:
-        """What the model lacks, by joint."""
+        """Return the effects that the model lacks, with their joints."""
         named = [f"{effect_name(one['effect'])} at {one['joint']}" for one in self.outcome.verdict["verdict"]]
         return f"the model lacks {', '.join(named)}" if named else "nothing is found that the model lacks"
 
     def summary(self) -> pd.DataFrame:
-        """A row a named effect: joint, effect, status, equivalents, share of the error that it removes."""
+        """Return a row for each named effect: joint, effect, status, equivalents, share of error removed."""
         return with_units(self.outcome.summary(), {"error_reduction": "1"})
 
     def parameters(self) -> pd.DataFrame:
-        """A row a parameter that was named: value with its 95 % interval, and the unit."""
+        """Return a row for each parameter of a named effect: value with its 95 % interval, and the unit."""
         rows = [
             (one["joint"], one["effect"], name, value["value"], *value["ci95"], value["unit"], one["status"])
             for one in self.outcome.verdict["verdict"]
@@ -111,7 +112,7 @@ class DiagnosisResult(Shown):
         return with_units(pd.DataFrame(rows, columns=names), dict.fromkeys(names[3:6], OWN_UNIT))
 
     def errors(self) -> pd.DataFrame:
-        """A row a joint: prediction error (RMS) before and after, noise floor, and what is left."""
+        """Return a row for each joint: prediction error (RMS) before and after, noise floor, and state."""
         names = ["rms_before", "rms_after", "noise_floor", "unit", "state", "error"]
         joints = self.outcome.verdict["joints"]
         rows = [{"joint": joint, **{name: one.get(name) for name in names}} for joint, one in joints.items()]
@@ -119,7 +120,7 @@ class DiagnosisResult(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """A row a sample: measured torque, and what the models before and after leave of it."""
+        """Table with a row for each sample: measured torque, and residuals of the models before and after."""
         from wearscope.closed_loop.model.prediction import residual_table
 
         table = residual_table(self.outcome.prepared, self.outcome.predicted)
@@ -132,9 +133,9 @@ class DiagnosisResult(Shown):
         ----------
         kind : {"errors", "residual"}
         joint : str, optional
-            Of the residual; the one whose error shrank most where left out.
+            Joint of the residual; by default the one whose error decreased most.
         ax : matplotlib axes, optional
-            New ones where left out.
+            Axes to draw on; by default new ones.
 
         Returns
         -------
@@ -170,21 +171,21 @@ class DiagnosisResult(Shown):
 
 @dataclass(frozen=True, repr=False)
 class TrackingResult(Shown):
-    """What `wearscope.track` found.
+    """Result of `wearscope.track`.
 
     Attributes
     ----------
     content : dict
-        Of ``tracking.json``.
+        Content of ``tracking.json``.
     changes : DataFrame
-        Of ``changes.parquet``.
+        Content of ``changes.parquet``.
     """
 
     content: Mapping[str, Any]
     changes: pd.DataFrame
 
     def headline(self) -> str:
-        """The changes of the last session that shows any."""
+        """Return the changes in the last session that shows any."""
         rows = self.summary()
         if rows.empty:
             return f"no change in {', '.join(one['session'] for one in self.content['sessions'])}"
@@ -194,7 +195,7 @@ class TrackingResult(Shown):
         return f"session {last['session'].iloc[0]}: {', '.join(one.strip() for one in told)}"
 
     def summary(self) -> pd.DataFrame:
-        """A row a session and change, with its 95 % interval and the session since which it counts."""
+        """Return a row for each session and change: 95 % interval, and session since which it is present."""
         names = ["session", "joint", "effect", "parameter", "change", "low", "high", "unit", "since"]
         rows = [
             (session["session"], *(one[name] for name in names[1:5]), *one["ci95"], one["unit"], one["since"])
@@ -209,8 +210,9 @@ class TrackingResult(Shown):
         Parameters
         ----------
         joint : str, optional
-            The one that changed last, or the first, where left out.
+            By default the joint that changed last, or the first joint.
         ax : matplotlib axes, optional
+            Axes to draw on; by default new ones.
 
         Returns
         -------
@@ -243,17 +245,17 @@ class TrackingResult(Shown):
 
 @dataclass(frozen=True, repr=False)
 class DetectionResult(Shown):
-    """What `wearscope.detect` found; ``outcome`` has all of it."""
+    """Result of `wearscope.detect`; ``outcome`` is the complete result."""
 
     outcome: "Detection"
 
     def headline(self) -> str:
-        """In how many recordings which verdict was given."""
+        """Return the number of judgements by verdict."""
         counts = self.outcome.detection["verdict"].value_counts()
         return ", ".join(f"{verdict}: {count}" for verdict, count in counts.items()) or "nothing was judged"
 
     def summary(self) -> pd.DataFrame:
-        """A row a recording, joint and detector that was judged: value, threshold, verdict, wear."""
+        """Return a row for each judged recording, joint and detector: value, threshold, verdict, wear."""
         names = [
             *("run", "session", "joint", "fda", "y", "threshold", "unit", "verdict"),
             *("wear", "wear_low", "wear_high"),
@@ -263,7 +265,7 @@ class DetectionResult(Shown):
         return with_units(table, {"y": OWN_UNIT, "threshold": OWN_UNIT})
 
     def plot(self, detector: str | None = None, ax: "Axes | None" = None) -> "Axes":
-        """Draw each recording's test quantity over its threshold: above 1 is an alarm.
+        """Draw each recording's test quantity divided by its threshold; a value above 1 is an alarm.
 
         Raises
         ------
@@ -288,18 +290,18 @@ class DetectionResult(Shown):
 
 @dataclass(frozen=True, repr=False)
 class EvaluationResult(Shown):
-    """What `wearscope.evaluate` found.
+    """Result of `wearscope.evaluate`.
 
     Attributes
     ----------
     outcome : ModelErrors
-        ``torque`` and ``rollouts``, in full.
+        The complete tables ``torque`` and ``rollouts``.
     """
 
     outcome: "ModelErrors"
 
     def headline(self) -> str:
-        """The range of the errors, and where the largest is."""
+        """Return the largest error, its joint, and what was judged."""
         rows = self.summary().dropna(subset=["error_percent"])
         if rows.empty:
             return "nothing could be simulated"
@@ -309,9 +311,10 @@ class EvaluationResult(Shown):
         return f"up to {size} of the torque is not predicted, most at {worst['joint']}{where}"
 
     def summary(self) -> pd.DataFrame:
-        """A row a joint: measured torque and error (RMS over all runs), and their ratio."""
+        """Return a row for each joint: torque and error (RMS over the judged runs), and their ratio."""
         table = self.outcome.torque
-        squares = table.assign(**{name: table[name] ** 2 for name in ("torque_rms", "error_rms")})
+        judged = table["error_rms"].notna()
+        squares = table.assign(**{x: (table[x] ** 2).where(judged) for x in ("torque_rms", "error_rms")})
         means = squares.groupby(["joint", "unit"], sort=False)[["torque_rms", "error_rms"]].mean() ** 0.5
         means["error_percent"] = 100.0 * means["error_rms"] / means["torque_rms"]
         return with_units(means.reset_index(), {"error_percent": "%"})
@@ -325,12 +328,12 @@ class EvaluationResult(Shown):
 
 
 Say = Callable[[str], None]
-#: Data frames by the names that their runs get.
+#: One recording, or several; the keys of a mapping are the names of the runs.
 Frames: TypeAlias = pd.DataFrame | Sequence[pd.DataFrame] | Mapping[str, pd.DataFrame]
 
 
 def _quiet(line: str) -> None:
-    """Say nothing."""
+    """Print nothing."""
 
 
 def diagnose(
@@ -342,14 +345,14 @@ def diagnose(
     allow_code: bool = False,
     **stated: Any,
 ) -> DiagnosisResult:
-    """Name what the model of a measured robot lacks, correct it, and say how sure that is.
+    """Name the effects that the model of a measured robot lacks, correct the model, and state the certainty.
 
     Parameters
     ----------
     recordings : path-like, DataFrame, or sequence or mapping of DataFrame
         A data set's folder, or recordings with time, positions [rad] and torques [N m] of the joints.
     urdf : path-like, optional
-        Of the robot; needed with data frames.
+        URDF of the robot; needed with data frames.
     progress : callable
         Called with a line of text at each step, e.g. ``print``.
     effects : sequence of path-like
@@ -357,7 +360,7 @@ def diagnose(
     allow_code : bool
         Whether effect files that the data set itself names may run.
     **stated
-        With data frames: what ``wearscope new dataset`` takes, such as ``position_units=["deg"]``,
+        With data frames: options as of ``wearscope new dataset``, such as ``position_units=["deg"]``,
         ``torque_constant=[0.1]`` or ``test=["run2"]``.
 
     Returns
@@ -367,7 +370,7 @@ def diagnose(
     Raises
     ------
     InputError
-        Where the recordings break the format, in one sentence.
+        Where the recordings do not have the required format.
 
     Examples
     --------
@@ -392,17 +395,17 @@ def track(
     allow_code: bool = False,
     **stated: Any,
 ) -> TrackingResult:
-    """Say what changed on a robot since the sessions in which it was healthy.
+    """Find what changed on a robot since the sessions in which it was healthy.
 
     Parameters
     ----------
     recordings, urdf, progress, allow_code, **stated
-        As of `diagnose`.
+        As for `diagnose`.
     reference : sequence of str
-        With data frames: names of the healthy sessions. A run is a session of its name, unless ``sessions``
-        gives labels by file name.
+        With data frames: names of the healthy sessions. Each run is a session named after it, unless
+        ``sessions`` gives labels by file name.
     folder : path-like, optional
-        Where the files of the tracking are written; nowhere where left out.
+        Folder for the files of the tracking; by default they are not kept.
 
     Returns
     -------
@@ -411,7 +414,7 @@ def track(
     Raises
     ------
     InputError
-        Where there is no reference, or the recordings break the format.
+        Where there is no reference, or the recordings do not have the required format.
     """
     from wearscope.tracking.run import track as follow
 
@@ -435,18 +438,19 @@ def detect(
     allow_code: bool = False,
     **stated: Any,
 ) -> DetectionResult:
-    """Judge recordings by detectors, whose thresholds come from the robot's own simulated model.
+    """Judge recordings by detectors, whose thresholds come from simulations of the robot's model.
 
     Parameters
     ----------
     recordings, urdf, progress, allow_code, **stated
-        As of `diagnose`.
+        As for `diagnose`.
     model : path-like
         The robot's model, such as ``model_after.yaml`` of a diagnosis.
     detectors : mapping of str to str, optional
-        Module of `wearscope.detectors`, or path of a .py file, by letter; ``friction_fit`` where left out.
+        Module of `wearscope.detectors`, or path of a .py file, by the detector's name; by default
+        ``friction_fit``.
     runs : int
-        Simulated runs a motion.
+        Number of simulated runs for each motion.
 
     Returns
     -------
@@ -455,7 +459,7 @@ def detect(
     Raises
     ------
     InputError
-        Where the recordings, the model or a detector do not fit.
+        Where recordings, model and detectors do not fit together.
     """
     from wearscope.detection.judgement import judge_recordings
     from wearscope.detection.run import Setting, ask_recordings
@@ -478,16 +482,16 @@ def evaluate(
     allow_code: bool = False,
     **stated: Any,
 ) -> EvaluationResult:
-    """Say how well a model predicts recordings; nothing is fitted to them.
+    """Compute how well a model predicts recordings; nothing is fitted to them.
 
     Parameters
     ----------
     model : path-like
         A robot by name or path, or a model that a diagnosis wrote.
     recordings, urdf, progress, allow_code, **stated
-        As of `diagnose`.
+        As for `diagnose`.
     temperature : float
-        Of the joints where it was not recorded [deg C].
+        Joint temperature where it was not recorded [deg C].
 
     Returns
     -------
@@ -507,11 +511,12 @@ def evaluate(
 
 
 def check_options(call: str, given: Mapping[str, Any], known: Sequence[str]) -> None:
-    """Refuse an option that a call does not have.
+    """Refuse an option that a function does not have.
 
     Raises
     ------
     InputError
+        Names the option and those that exist.
     """
     for name in given:
         if name not in known:
@@ -525,18 +530,18 @@ def take_recordings(
     reference: Sequence[str] = (),
     **stated: Any,
 ) -> Iterator[Path]:
-    """Folder of a data set: the named one, or a temporary folder made from data frames.
+    """Yield the folder of a data set: the given one, or a temporary folder made from data frames.
 
     Parameters
     ----------
     recordings : path-like, DataFrame, or sequence or mapping of DataFrame
-        Columns are guessed as by ``wearscope new dataset``. Of several runs the last is only scored, unless
-        ``test`` names others; runs of a sequence are called ``run1``, ``run2``, ...
+        Columns are guessed as by ``wearscope new dataset``. Of several runs the last only tests the model,
+        unless ``test`` names others. The runs of a sequence are called ``run1``, ``run2``, ...
     urdf : path-like or None
-        Of the robot; needed with data frames.
+        URDF of the robot; needed with data frames.
     reference : sequence of str
-        Sessions in which the machine was healthy; each run is a session of its name where ``sessions`` does
-        not say otherwise.
+        Sessions in which the machine was healthy; each run is a session named after it, unless ``sessions``
+        gives labels.
     **stated
         Fields of `wearscope.starters.mapped.Mapped`.
 
@@ -567,11 +572,12 @@ def take_recordings(
 
 
 def _name_frames(recordings: Frames) -> dict[str, pd.DataFrame]:
-    """Data frames by name.
+    """Return data frames by the names of their runs.
 
     Raises
     ------
     InputError
+        Where there are none, or something else is given.
     """
     if isinstance(recordings, pd.DataFrame):
         recordings = [recordings]

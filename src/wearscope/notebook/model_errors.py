@@ -1,4 +1,4 @@
-"""Errors of any model on any recordings, in torque and in position."""
+"""Errors of a model on recordings, in torque and in position."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,12 +25,12 @@ from wearscope.errors import InputError, SimulationError
 from wearscope.robots.model import RobotModel
 from wearscope.storage import tables
 
-#: Lengths of a rollout [s]; most rollouts of one recording.
+#: Times after its start at which a rollout's error is evaluated [s]; most rollouts of one recording.
 HORIZONS = (0.1, 0.5, 2.0)
 MOST_ROLLOUTS = 20
-#: A joint moves above this share of its highest speed.
+#: A joint counts as moving above this share of its highest speed.
 MOVING = 0.01
-#: Largest speed that rounding gives a joint at rest [rad/s or m/s].
+#: Largest speed of a joint at rest that comes from rounding [rad/s or m/s].
 _ROUNDING = 1e-9
 _SEED, _DRAWS = 17, 400
 
@@ -42,17 +42,17 @@ class ModelErrors:
     Attributes
     ----------
     torque : DataFrame
-        One row a run and joint: `run`, `use`, `joint`, `unit`, `torque_rms` (measured) and `error_rms` over
-        the rows that count, `error_percent` (100 |e| / |tau|), `outcome` (``ok``, or why there is no
-        simulation; errors are NaN then).
+        One row for each run and joint: `run`, `use`, `joint`, `unit`, `torque_rms` (measured) and `error_rms`
+        over the samples in motion, `error_percent` (100 |e| / |tau|), `outcome` (``ok``, or why the
+        simulation failed; errors are NaN then).
     rollouts : DataFrame
-        One row a run, joint and horizon: `run`, `use`, `joint`, `unit`, `seconds`, `count` (rollouts in which
-        the joint moves), `failed` (those that could not be simulated), `moved_median` (measured distance from
-        start to end), `error_median` (distance from the measured position at the end) with its 95 % interval
-        (`error_median_low`, `error_median_high`).
+        One row for each run, joint and horizon: `run`, `use`, `joint`, `unit`, `seconds`, `count` (rollouts
+        in which the joint moves), `failed` (rollouts that could not be simulated), `moved_median` (measured
+        distance from start to end), `error_median` (distance from the measured position at the end) with its
+        95 % interval (`error_median_low`, `error_median_high`).
     judged : dict
-        What the torque errors speak of: `joints`, the number of those judged, `of` all, their `names`,
-        `seconds` of recordings, and `refused`, a sentence on each recording that is not among them.
+        What the torque errors cover: `joints`, number of judged joints; `of`, number of all; `names` of the
+        judged joints; `seconds` of recordings; and `refused`, a sentence on each recording left out.
     """
 
     torque: pd.DataFrame
@@ -73,27 +73,27 @@ def evaluate_model(
     progress: Callable[[str], None] = lambda _: None,
     temperature: float = np.nan,
 ) -> ModelErrors:
-    """Errors of a model on the recordings of a data set; nothing is fitted to them.
+    """Compute the errors of a model on the recordings of a data set; nothing is fitted to them.
 
-    The torque is what a controller needs to keep the model on the measured motion. A rollout starts from the
-    measured state, gives the motors the measured torque without feedback, and ends after a horizon: its
-    position error is free of any controller.
+    The torque error compares the measured torque with that by which a controller keeps the model on the
+    measured motion. A rollout starts at the measured state and applies the measured torque without feedback.
+    Its position error after a time does not depend on a controller.
 
     Parameters
     ----------
     model : RobotModel
-        Of the same joints, in the same order.
+        Model with the same joints in the same order.
     dataset : path-like
         The data set's folder, or its ``dataset.yaml``.
     progress : callable
         Called with a line of text at each recording.
     temperature : float
-        Of the joints where it was not recorded [deg C].
+        Joint temperature where it was not recorded [deg C].
 
     Raises
     ------
     InputError
-        Where the data set breaks the format, is of other joints, or none of it can be simulated.
+        Where the data set does not have the required format, has other joints, or cannot be simulated at all.
     """
     read = read_measured(dataset)
     if list(read.joints) != list(model.joints):
@@ -117,7 +117,7 @@ def evaluate_model(
 
 
 def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
-    """Number of joints and seconds that a table of torque errors judges, and what is left unjudged."""
+    """Return what a table of torque errors covers, as `ModelErrors.judged` describes it."""
     known = torque[torque["error_percent"].notna()]
     names = [joint for joint in prepared.dataset.joints if joint in set(known["joint"])]
     runs = {run.label: float(run.t[-1] - run.t[0]) for run in prepared.runs}
@@ -136,20 +136,21 @@ def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
 
 
 def _with_temperature(run: PreparedRun, temperature: float) -> PreparedRun:
-    """A run with a temperature [deg C] where it has none."""
+    """Return a run with a temperature [deg C] in place of unknown ones."""
     own = run.signals.temperature
     signals = replace(run.signals, temperature=np.where(np.isfinite(own), own, temperature))
     return replace(run, signals=signals)
 
 
 def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun) -> list[dict]:
-    # The simulator brings PyBullet and compiled code with it.
+    """Return the rows of the torque errors of a run, one for each joint."""
+    # Imported here: the simulator imports PyBullet and compiled code.
     from wearscope.simulation.study import simulate_forward
 
     reference = make_reference(run)
     count = len(reference.t)
     length = len(range(count)[rows(run.band, count)])
-    # Friction at rest may be any up to break-away: a joint that stands still is not judged.
+    # Friction at rest can have any value up to break-away, so that a joint at rest is not judged.
     moves = (np.abs(run.signals.v) > np.maximum(MOVING * prepared.top_speed, _ROUNDING)).any(axis=0)
     keep, measured = run.keep[:length] & moves, run.measured[:length]
     try:
@@ -172,6 +173,7 @@ def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun)
 
 
 def _list_rollout_errors(prepared: Prepared, model: RobotModel, run: PreparedRun) -> list[dict]:
+    """Return the rows of the rollout errors of a run, one for each horizon and joint."""
     from wearscope.simulation.study import trace_forward
 
     s, rate = run.signals, run.band.rate
@@ -212,11 +214,12 @@ def _list_rollout_errors(prepared: Prepared, model: RobotModel, run: PreparedRun
 
 
 def _describe(prepared: Prepared, run: PreparedRun, joint: int, units: list[str]) -> dict:
+    """Return the columns that name run, joint and unit."""
     return {"run": run.label, "use": run.use, "joint": prepared.dataset.joints[joint], "unit": units[joint]}
 
 
 def _summarise(ends: list[tuple[float, float]]) -> dict[str, float]:
-    """Median motion and error of a joint's rollouts, the error with a bootstrap interval; NaN without any."""
+    """Return count, median motion and median error of a joint's rollouts, with a bootstrap interval."""
     if not ends:
         keys = ("moved_median", "error_median", "error_median_low", "error_median_high")
         return {"count": 0} | dict.fromkeys(keys, np.nan)

@@ -1,4 +1,4 @@
-"""One simulated run as a data frame."""
+"""The function `simulate`: one simulated run as a data frame."""
 
 from collections.abc import Sequence
 
@@ -32,25 +32,25 @@ def simulate(
     cycle : str
         A name in the platform's test-cycles, or the path of a ``.py`` file that defines ``CYCLE``.
     wear : float or sequence of float
-        Level f of eq. (17) of Samuelsson et al. (2014) [-]: of all joints that wear, or of each in turn.
+        Wear index f of eq. (17) of Samuelsson et al. (2014) [-], of all wearing joints or of each in turn.
     temperature : float
-        Of all joints [deg C].
+        Temperature of all joints [deg C].
     payload_mass_error : float
-        Error of the declared payload mass relative to the correct one [-].
+        Error of the declared payload mass relative to the true mass [-].
     dwell : float
         Pause before each next move [s], the paper's w4.
     step : float
         Time step [s].
     sample_rate : float, optional
-        Of the recording [Hz]; that of the robot's sensors by default.
+        Sample rate of the recording [Hz]; by default that of the robot's sensors.
     seed : int, optional
-        Of the sensors' noise; none by default.
+        Seed of the sensors' noise; by default there is no noise.
 
     Returns
     -------
     DataFrame
-        In long form, joint after joint: ``t`` [s], ``joint``, ``q``, ``qd``, ``tau``; ``attrs["units"]`` has
-        the units, those of a column whose joints differ by joint.
+        Long form, joint after joint: ``t`` [s], ``joint``, ``q``, ``qd``, ``tau``. ``attrs["units"]`` has the
+        units; where joints differ, the unit lists them by joint.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results of a study, for a notebook: tables as data frames with units, and figures."""
+"""The class `Study` for notebooks: results of a study as data frames with units, and figures."""
 
 import sys
 from collections.abc import Sequence
@@ -20,18 +20,19 @@ if TYPE_CHECKING:
 
 _KEYS = ("robot", "cycle", "axis", "fda")
 _FIGURES = ("scope", "sensitivity", "snr")
-#: Units of the columns of the scope: a coded unit is a quarter of a factor's range.
+#: Units of the columns of the scope tables. ``coded`` means the unit of coded levels, in which a factor's
+#: range has the length 4.
 _UNITS = {"delta": "coded", "sigma": "coded", "p_d": "1", "confidence": "1"}
 _SCOPES = ("scope", "group_scope")
 
 
 class Study:
-    """Results of a study, read when they are asked for; every byte is checked.
+    """Results of a study; a table is read, and its checksums verified, when it is asked for.
 
     Parameters
     ----------
     folder : path-like
-        The results, such as ``results/paper``, or the study's own folder with ``config/config.yaml``.
+        Folder of the results, such as ``results/paper``, or of the study, with ``config/config.yaml``.
 
     Raises
     ------
@@ -63,12 +64,12 @@ class Study:
         return f"Study({str(self.folder)!r})"
 
     def names(self) -> list[str]:
-        """Names of the tables that are there."""
+        """Return the names of the study's tables."""
         found = [*self.folder.glob("*.parquet"), *self.folder.glob("design/*.parquet")]
         return sorted(path.relative_to(self.folder).with_suffix("").as_posix() for path in found)
 
     def table(self, name: str, **where: Any) -> pd.DataFrame:
-        """A table, or its rows with given values.
+        """Return a table, or its rows with given values.
 
         Parameters
         ----------
@@ -80,7 +81,7 @@ class Study:
         Returns
         -------
         DataFrame
-            With ``attrs["units"]``: unit by column.
+            Its ``attrs["units"]`` has the unit by column.
 
         Raises
         ------
@@ -110,9 +111,10 @@ class Study:
         return frame
 
     def snr(self, **where: Any) -> pd.DataFrame:
-        """Signal-to-noise ratio of every cell, eq. (11) of Samuelsson et al. (2014), as `table` gives it.
+        """Return the signal-to-noise ratio of every cell, eq. (11) of Samuelsson et al. (2014); see `table`.
 
-        Of the surrogate that answers; ``model="full"`` gives the paper's own.
+        It is that of the chosen surrogate where the study has one; ``model="full"`` gives that of the
+        paper's.
         """
         from wearscope.evaluation.snr import answer_rows
 
@@ -120,28 +122,30 @@ class Study:
         return table if "model" in where else answer_rows(table)
 
     def ranking(self, **where: Any) -> pd.DataFrame:
-        """Which detector is best: medians and ranks with intervals, as `table` gives it."""
+        """Return the ranking of the detectors: medians and ranks with intervals; see `table`."""
         return self.table("ranking", **where)
 
     def scope(self, **where: Any) -> pd.DataFrame:
-        """Where a detector works: a row a cell, nuisance, wear growth and scatter, as `table` gives it."""
+        """Return the scope: a row for each cell, nuisance, wear increase and deviation; see `table`."""
         return self.table("scope", **where)
 
     def sensitivity(self, **where: Any) -> pd.DataFrame:
-        """How much each factor moves a detector in addition to wear, as `table` gives it."""
+        """Return how much each factor changes a test quantity, compared with wear; see `table`."""
         return self.table("sensitivity", **where)
 
     def test_quantities(self, **where: Any) -> pd.DataFrame:
-        """The number y of every detector and simulated run, as `table` gives it."""
+        """Return the test quantity y of every detector and simulated run; see `table`."""
         return self.table("test_quantities", **where)
 
     def summary(self) -> pd.DataFrame:
-        """What is recommended, a row for all robots and for each: detector, smallest wear, how often it wins.
+        """Return the recommendation, one row for all robots together and one for each.
+
+        A row has the detector, the smallest wear that it finds, and counts that tell how sure the choice is.
 
         Raises
         ------
         InputError
-            Where the study did not come so far.
+            Where the study has no conclusion yet.
         """
         path = self.folder / "conclusion.json"
         if not path.is_file():
@@ -158,7 +162,7 @@ class Study:
         return f"<p><strong>{escape(repr(self))}</strong></p>{self.summary().to_html(index=False)}"
 
     def factors(self) -> list[Factor]:
-        """Factors of the study with their natural levels, as the identification design has them."""
+        """Return the factors of the study with their natural levels, from the identification design."""
         design = self.table("design/identification")
         names = [name for name in design.columns if f"{name}_natural" in design.columns]
         return [_read_factor(design, name) for name in names]
@@ -171,28 +175,28 @@ class Study:
         factor: str | None = None,
         ax: "Axes | None" = None,
     ) -> "FigureBase":
-        """Draw a figure of the report, or its panels in the place of axes.
+        """Draw a figure of the report, or its panels in the place of given axes.
 
         Parameters
         ----------
         name : {"scope", "sensitivity", "snr"}
         by : sequence of str
-            Columns that form a group: of ``robot``, ``cycle``, ``axis``, ``fda``.
+            Columns that form the groups, among ``robot``, ``cycle``, ``axis``, ``fda``.
         factor : str, optional
-            Nuisance of the scope; the first that was asked for where left out.
+            Nuisance of the scope; by default the first.
         ax : matplotlib axes, optional
-            Of ``figure.subplots()``; the panels take their place.
+            Axes from ``figure.subplots()``, which the panels replace.
 
         Returns
         -------
         matplotlib figure
-            A notebook shows it; ``figure.savefig("snr.svg")`` keeps it. With `ax`, the part of their figure
-            that has the panels. ``axes`` of either are the panels.
+            A notebook shows it; ``figure.savefig("snr.svg")`` saves it. With `ax` it is the part of their
+            figure that contains the panels. Its ``axes`` are the panels.
 
         Raises
         ------
         InputError
-            Where there is no such figure, the study lacks its table, or the axes are of no grid.
+            Where there is no such figure, the study lacks its table, or the axes do not belong to a grid.
         """
         from wearscope.reporting import figures
 
@@ -212,6 +216,7 @@ class Study:
         raise InputError(f"there is no figure '{name}'; choose one of {', '.join(_FIGURES)}.")
 
     def _rank(self, by: Sequence[str]) -> pd.DataFrame:
+        """Return the ranking of groups; it is computed where the study has another grouping."""
         from wearscope.evaluation.ranking import rank_by_median
 
         ranking = self.ranking()
@@ -220,7 +225,7 @@ class Study:
 
 
 def _give_place(ax: "Axes | None") -> "FigureBase | None":
-    """Take axes off their figure, and return the part of the figure that they had."""
+    """Remove axes from their figure, and return the part of the figure that they occupied."""
     if ax is None:
         return None
     figure, place = ax.figure, ax.get_subplotspec()
@@ -231,7 +236,7 @@ def _give_place(ax: "Axes | None") -> "FigureBase | None":
 
 
 def _let_notebook_show_figures() -> None:
-    """Do ``%matplotlib inline`` unless done: without it, a notebook shows only the size of a figure."""
+    """Run ``%matplotlib inline`` once in a notebook, which otherwise shows only the size of a figure."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     if shell is not None and hasattr(shell, "kernel"):
@@ -242,6 +247,7 @@ def _let_notebook_show_figures() -> None:
 
 
 def _find_results(folder: Path) -> Path:
+    """Return the folder of results, which is given itself or by the study's folder."""
     config = folder / "config" / "config.yaml"
     if config.is_file():
         name = read_mapping(config.read_bytes(), str(config)).get("study")
@@ -254,6 +260,7 @@ def _find_results(folder: Path) -> Path:
 
 
 def _read_factor(design: pd.DataFrame, name: str) -> Factor:
+    """Return a factor with its range, found from the coded and natural levels of a design."""
     # The map between coded and natural levels is linear.
     coded, natural = design[name], design[f"{name}_natural"]
     first, last = coded.idxmin(), coded.idxmax()
