@@ -8,6 +8,7 @@ import yaml
 from recorded_chain import Bench, chain, rub, torque_of
 
 from wearscope.closed_loop.intake.pushes import find_pushes
+from wearscope.starters.columns import find_groups
 
 #: Torque of a chain with friction and noise.
 LOAD = torque_of(1.2, 0.3, 0.4, noise=0.02)
@@ -120,3 +121,18 @@ def test_a_lone_recording_is_cut_where_both_parts_move(tmp_path):
 def test_a_recording_that_is_too_short_says_how_long_it_must_be(tmp_path):
     bench = Bench(tmp_path, 1, seconds=3.0, runs=1).record(LOAD)
     assert re.search(r"run0\.csv: 3 s are too short to be cut .* record 13 s or more", bench.refuse())
+
+
+@pytest.mark.parametrize(
+    ("joints", "columns", "commanded"),
+    [
+        (["d1", "d2"], ["tau_d1", "tau_d2"], False),
+        (["ref", "goal"], ["tau_ref", "tau_goal"], False),
+        (["j1", "j2"], ["tau_d_j1", "tau_d_j2"], True),
+        (["j1", "j2"], ["tau_d1", "tau_d2"], True),
+    ],
+)
+def test_a_joint_s_name_does_not_say_that_a_torque_was_commanded(joints, columns, commanded):
+    """As d, which stands for desired elsewhere."""
+    (group,) = find_groups(columns, joints, "torque")
+    assert list(group.columns) == columns and group.is_commanded == commanded

@@ -182,6 +182,17 @@ def test_torques_without_their_sign_are_told_so(tmp_path, n, mass, friction):
     assert f"{said} never negative, as " in bench.refuse()
 
 
+def test_one_torque_without_its_sign_among_right_ones_is_told(tmp_path):
+    bench = Bench(tmp_path, 2, 2.0)
+
+    def torque(q, v, a, rng, t):
+        tau = torque_of(2.0, 2.0, 1.0, noise=0.02)(q, v, a, rng, t)
+        tau[:, 1] = np.abs(tau[:, 1])
+        return tau
+
+    assert ": 'tau_j2' is never negative, as a torque without sign" in bench.record(torque).refuse()
+
+
 @pytest.mark.parametrize(("mass", "friction", "lacks"), [(2.0, 0.05, 0.3), slow(0.3, 0.35, 0.2)])
 def test_a_shoulder_that_always_carries_its_load_has_its_sign(tmp_path, mass, friction, lacks):
     """The model lacks a ripple that is much of what the torque varies by."""

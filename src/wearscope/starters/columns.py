@@ -7,7 +7,7 @@ and whether the values were measured or commanded.
 import fnmatch
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,10 +108,18 @@ class Group:
         One of `KINDS`, or a kind of a servo's columns.
     columns : tuple of str
         Columns in the order of the joints.
+    words : tuple of str
+        Words of the columns' names, apart from the joints' names and numbers.
     """
 
     kind: str
     columns: tuple[str, ...]
+    words: tuple[str, ...] = ()
+
+    @property
+    def is_commanded(self) -> bool:
+        """Return whether the names say that the values were commanded, not measured."""
+        return bool(set(self.words) & _TARGET)
 
     @property
     def units(self) -> list[str]:
@@ -273,14 +281,14 @@ def find_groups(
     if not found and set(joints) < set(movable):
         return [_pick(one, joints, movable) for one in find_groups(columns, movable, kind)]
     if kind == "position" and not found:
-        return [Group(kind, one.columns) for one in find_groups(columns, joints, "bare")]
+        return [replace(one, kind=kind) for one in find_groups(columns, joints, "bare")]
     ranked = sorted(found, key=lambda chosen: _rank(found[chosen], kind))
-    return [Group(kind, chosen) for chosen in ranked]
+    return [Group(kind, chosen, found[chosen]) for chosen in ranked]
 
 
 def _pick(whole: Group, joints: Sequence[str], movable: Sequence[str]) -> Group:
     """Pick the columns of some joints from those of all movable joints."""
-    return Group(whole.kind, tuple(whole.columns[movable.index(joint)] for joint in joints))
+    return replace(whole, columns=tuple(whole.columns[movable.index(joint)] for joint in joints))
 
 
 def _merge(taken: _Taken) -> _Taken:
@@ -389,7 +397,7 @@ def match_pattern(
     if "*" not in pattern:
         listed = tuple([pattern] if pattern in columns else [one.strip() for one in pattern.split(",")])
         if len(listed) == len(joints) and set(listed) <= set(columns):
-            return Group(kind, listed)
+            return Group(kind, listed, tuple(split_name(listed[0])))
         raise InputError(
             f"--{kind} {pattern}: is neither a pattern with '*' for the joint's name or number, as "
             f"'actual_q_*', nor a column for each of {', '.join(joints)}, with commas between them; the "
@@ -397,7 +405,8 @@ def match_pattern(
         )
     for some in (movable, joints) if set(joints) < set(movable) else (joints,):
         for parts in (some, [str(k) for k in range(len(some))], [str(k + 1) for k in range(len(some))]):
-            chosen = Group(kind, tuple(pattern.replace("*", part) for part in parts))
+            named = tuple(pattern.replace("*", part) for part in parts)
+            chosen = Group(kind, named, tuple(split_name(pattern)))
             if set(chosen.columns) <= set(columns):
                 return _pick(chosen, joints, some)
     literal = pattern.replace("[", "[[]")
@@ -431,8 +440,3 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
 def says_time(name: str) -> bool:
     """Return whether a column's name has a word for time."""
     return bool(set(split_name(name)) & _TIME)
-
-
-def is_commanded(group: Group) -> bool:
-    """Return whether the columns' names say that the values were commanded, not measured."""
-    return bool(set(split_name(group.columns[0])) & _TARGET)

@@ -13,7 +13,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.servos import ServoFields
-from wearscope.starters.columns import KINDS, Group, find_groups, is_commanded, match_pattern
+from wearscope.starters.columns import KINDS, Group, find_groups, match_pattern
 from wearscope.starters.servos import choose_servo_groups
 
 #: Effects that a new data set declares where the user names none.
@@ -138,7 +138,7 @@ def choose_groups(
             groups[kind] = match_pattern(mapped.patterns[kind], columns, joints, kind, mapped.movable)
             continue
         found = find_groups(columns, joints, kind, mapped.movable)
-        if found and not (kind != "position" and is_commanded(found[0])):
+        if found and not (kind != "position" and found[0].is_commanded):
             groups[kind] = found[0]
     told = f"the columns are {', '.join(columns[:30])}"
     if "position" not in groups:
@@ -175,7 +175,7 @@ def describe_groups(groups: Mapping[str, Group]) -> list[str]:
     return [
         f"{kind}: {group.columns[0]}"
         + (f" to {group.columns[-1]}" if len(group.columns) > 1 else "")
-        + (", commanded ones, as none is measured." if is_commanded(group) else ".")
+        + (", commanded ones, as none is measured." if group.is_commanded else ".")
         for kind, group in groups.items()
     ]
 

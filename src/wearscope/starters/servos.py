@@ -1,6 +1,7 @@
 """Servos: presets of published constants, the option that states a servo, and its columns in a recording."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from wearscope.errors import InputError
 from wearscope.robots.servos import COLUMNS, ServoFields, read_servo
 from wearscope.robots.spatial import Array
-from wearscope.starters.columns import Group, find_groups, is_commanded, match_pattern
+from wearscope.starters.columns import Group, find_groups, match_pattern
 
 #: Constants at the output shaft, by servo. They come from Rhoban/bam (Apache-2.0,
 #: ``params/<servo>/m6.json``), where they were fitted to recordings of a pendulum together with the most
@@ -92,9 +93,9 @@ def choose_servo_groups(
             groups[kind] = match_pattern(patterns[kind], columns, joints, kind, movable)
             continue
         found = find_groups(columns, joints, "position" if kind == "goal" else kind, movable)
-        found = [one for one in found if is_commanded(one) == (kind == "goal")]
+        found = [one for one in found if one.is_commanded == (kind == "goal")]
         if found:
-            groups[kind] = Group(kind, found[0].columns)
+            groups[kind] = replace(found[0], kind=kind)
         elif kind in COLUMNS[servo.law]:
             raise InputError(
                 f"{file}: servo law {servo.law} needs the {kind} of each of {', '.join(joints)}; name its "

@@ -144,22 +144,20 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
     """Refuse torques that were recorded without their sign; note positions that start at 0 in every run."""
     left, joints = _leave(whole), prepared.dataset.joints
-    if np.nan_to_num(left).max(initial=0.0) < MUCH / 2.0:
-        return
     records = [record.load() for record in prepared.dataset.runs]
     lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
-    if np.nanmax(left) > MUCH and np.all(lowest[whole.heard] >= 0.0):
+    if bare := [j for j in whole.heard if lowest[j] >= 0.0]:
         # A load may keep a torque on one side of zero.
         known = Weighing(whole, coarse=True).fit(Reading.stated(whole.n)).columns.known
-        gains = {f"tau_{joints[j]}": _unfold(whole, known, j) for j in whole.heard}
-        most = np.where(left[whole.heard] > HOPELESS, 1.0, _FOLDED)
-        if folded := [name for (name, gain), one in zip(gains.items(), most, strict=True) if gain < one]:
+        gains = {j: _unfold(whole, known, j) for j in bare}
+        most = {j: 1.0 if left[j] > HOPELESS else _FOLDED for j in bare}
+        if folded := [f"tau_{joints[j]}" for j in bare if gains[j] < most[j]]:
             verb, one = ("are", "torques") if len(folded) > 1 else ("is", "a torque")
             told = f"{say_columns(folded)} {verb} never negative, as {one} without sign; record the torque"
             prepared.refuse(str(prepared.dataset.folder), f"{told} with its sign.", "unsigned tau")
-        elif doubted := [name for name, gain in gains.items() if gain < 1.0]:
+        elif doubted := [f"tau_{joints[j]}" for j in bare if gains[j] < 1.0 and left[j] > MUCH]:
             prepared.notes.append(f"{', '.join(doubted)}: never negative, by the load or without a sign.")
-    if all(starts_at_zero(record.q) for record in records):
+    if np.nanmax(left) > MUCH / 2.0 and all(starts_at_zero(record.q) for record in records):
         prepared.notes.append(
             "all positions are 0 at the start of every run, and the stated bodies leave much of the torque: "
             "where the controller counts from there, give absolute positions."
