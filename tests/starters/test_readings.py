@@ -165,6 +165,14 @@ def test_positions_of_another_zero_are_told_and_taken(tmp_path):
     bench.accept("--shift", f"{name}={size}")
 
 
+def test_one_joint_in_degrees_makes_the_others_rad_that_were_read_as_degrees(tmp_path):
+    bench = Bench(tmp_path, 2, 2.0)
+    bench.record(torque_of(2.0, 0.2, 0.3, noise=0.02), position=lambda q, k: q * [1.0, 180.0 / np.pi])
+    ((name, size),) = re.findall(r"--scale (q_j\d)=(\S+?)[; ]", bench.refuse())
+    assert name == "q_j1" and float(size) == pytest.approx(180.0 / np.pi, rel=1e-4)
+    bench.accept("--scale", f"{name}={size}")
+
+
 def test_another_zero_is_told_though_friction_is_most_of_the_torque(tmp_path):
     bench = Bench(tmp_path, 2, 2.0)
     bench.record(torque_of(2.0, 8.0, 4.0, noise=0.05), position=lambda q, k: q - [0.0, np.pi / 2.0])

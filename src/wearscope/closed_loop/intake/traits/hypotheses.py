@@ -30,6 +30,8 @@ _MM, _QUARTER = 1e-3, float(np.pi / 2.0)
 #: Start values of the search for a factor (in octaves) and for a delay [s]; factors of half turns and turns.
 _OCTAVES, _TIMES = np.arange(-3.0, 4.0), LONGEST / 2.0 ** np.arange(1.0, 6.0)
 _TURNS = (float(np.pi), 2.0 * float(np.pi))
+#: Span [rad] below which angles may be rad that were read as degrees: two turns.
+_NARROW = 4.0 * float(np.pi) * DEGREE
 #: Odds [nats] for Earth's gravity where the stated one is of another size.
 _UNEARTHLY = 10.0
 #: Cosine to the stated direction from which gravity counts as unchanged; part along an axis that counts as 0.
@@ -347,8 +349,9 @@ def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
     rows, hope = few.rows, few.look(r)
     span = np.ptp(rows.q, axis=0)
     plain = [j for j in range(rows.n) if abs(r.factor[j]) == 1.0]
-    for slides, unit, least in ((False, DEGREE, 1.0), (True, _MM, 0.5)):
-        some = [j for j in plain if rows.slides[j] == slides and span[j] > least]
+    units = ((False, DEGREE, span > 1.0), (True, _MM, span > 0.5), (False, 1.0 / DEGREE, span < _NARROW))
+    for slides, unit, fits in units:
+        some = [j for j in plain if rows.slides[j] == slides and fits[j]]
         for group in [some, *([j] for j in some if len(some) > 1)]:
             if group:
                 yield r.has("unit", 0.0, factor=r.times("factor", group, unit))
@@ -392,8 +395,8 @@ def _tell_scales(r: Reading, rows: Rows) -> Told | None:
     pairs = ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True))
     told = (
         f"{say_columns(names)} {'fit' if len(at) > 1 else 'fits'} the URDF where multiplied by "
-        f"{', '.join(dict.fromkeys(sizes))}, as turns or angles before a gear do; where the exact factor is "
-        f'known, give that; write "scaled: {{{pairs}}}" in dataset.yaml.'
+        f"{', '.join(dict.fromkeys(sizes))}, as turns, angles before a gear, or rad read as degrees; "
+        f'where the exact factor is known, give that; write "scaled: {{{pairs}}}" in dataset.yaml.'
     )
     return told, tuple(f"scale {name}" for name in names)
 
