@@ -11,15 +11,15 @@ from reporting.browser import RUNNING_OVER, find_browser, open_page, rows_of
 from reporting.test_closed_loop_page import VERDICT, write
 
 from wearscope.closed_loop.diagnostics.profiles import profile_residuals
-from wearscope.reporting.charts.base import CELL_KEYS
 from wearscope.reporting.charts.study import detection_cases, study_tables
 from wearscope.reporting.closed_loop import STAGES
 from wearscope.reporting.closed_loop_page import write_closed_loop_page
 from wearscope.reporting.findings import compare_with_paper
+from wearscope.reporting.labels import CELL
 from wearscope.reporting.study_page import render_study
 from wearscope.storage import tables
 
-KEYS = list(CELL_KEYS)
+KEYS = list(CELL)
 #: Texts of legends that leave their drawing, as a script.
 CUT_LEGENDS = """[...document.querySelectorAll(".view svg .role-legend text")].filter((one) => {
     const [text, drawing] = [one, one.ownerSVGElement].map((it) => it.getBoundingClientRect());

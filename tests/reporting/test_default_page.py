@@ -12,14 +12,13 @@ import pytest
 from reporting.browser import RUNNING_OVER, open_page, rows_of
 
 from wearscope.evaluation.snr import answer_rows
-from wearscope.reporting.charts.base import CELL_KEYS
-from wearscope.reporting.labels import read_detector_names
+from wearscope.reporting.labels import CELL, read_detector_names
 from wearscope.storage import tables
 from wearscope.storage.files import SETTINGS
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(os.environ.get("WEARSCOPE_RESULTS", ROOT / "results" / "paper")).absolute()
-KEYS = list(CELL_KEYS)
+KEYS = list(CELL)
 CELL = {"robot": "large", "cycle": "spot_welding", "axis": 2, "fda": "C"}
 
 pytestmark = pytest.mark.long

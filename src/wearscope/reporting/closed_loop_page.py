@@ -389,7 +389,7 @@ def write_closed_loop_page(folder: str | Path, urdf: str | Path = "") -> None:
 
 
 def render_closed_loop(loop: ClosedLoop) -> str:
-    """Page of a closed loop, with nothing from elsewhere."""
+    """Self-contained page of a closed loop."""
     drawn = loop_tables(loop)
     sections = [
         Section("Outcome", render_outcome(loop), "outcome"),

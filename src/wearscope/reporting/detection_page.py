@@ -233,7 +233,7 @@ def write_detection_page(folder: str | Path) -> None:
 
 
 def render_detection(found: Detections) -> str:
-    """Page of the detectors on the recordings of a data set, with nothing from elsewhere."""
+    """Self-contained page of the detectors on the recordings of a data set."""
     cells, drawn = found.thresholds, axis_tables(found)
     told = [sentence if kind == "plain" else (kind, sentence) for kind, sentence in conclude(found)]
     outcome = render_part(told=[*told, *tell_scatter(found), *tell_factors(found)])

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 #: Name in a verdict for structure outside the vocabulary of effects.
 UNKNOWN = "unknown"
+#: Columns that name a cell: a robot, test-cycle, axis and detector.
 CELL = ("robot", "cycle", "axis", "fda")
 MODEL_NAMES = {"main": "main effects", "simplified": "simplified", "full": "full quadratic"}
 #: Readable names of the tables' columns.
@@ -93,7 +94,7 @@ def read_detector_names(settings: Path) -> dict[str, str]:
 
 
 def factor_name(factor: "Factor") -> str:
-    """Readable name of a factor whose unit or code says too little: ``wear``, ``temperature``."""
+    """Readable name of a factor: ``wear``, or its description, such as ``temperature``."""
     return "wear" if factor.role == "fault" and factor.kind in ("", "wear") else factor.description
 
 

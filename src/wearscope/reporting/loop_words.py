@@ -204,7 +204,7 @@ def is_in_model(entry: Verdict) -> bool:
 
 
 def list_alarms(verdict: Verdict) -> list[tuple[str, str]]:
-    """Simulations that failed: alarm, and its text."""
+    """Failed simulations as pairs of ``alarm`` and a text."""
     forward = verdict.get("forward", {}).values()
     return [
         ("alarm", f"Simulated forward, model {stage}: {text}")
@@ -225,7 +225,7 @@ def say_share(entry: Verdict) -> str:
 
 
 def _percent(share: float, low: float, high: float) -> str:
-    """``48 % (95 %: 36 to 55)``, with a digit more near none and all."""
+    """``48 % (95 %: 36 to 55)``, with one more digit near 0 and 100 %."""
     digits = 0 if 0.095 <= abs(share) < 0.995 else 1
     share, low, high = (round(100 * value, digits) + 0.0 for value in (share, low, high))
     text = f"{share:.{digits}f} % (95 %: {low:.{digits}f} to {high:.{digits}f})"

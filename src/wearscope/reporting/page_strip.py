@@ -61,7 +61,7 @@ def read_strip(page: str | Path) -> Strip | None:
 
 
 def parse_strip(page: str) -> Strip | None:
-    """As `read_strip`, of a page's text."""
+    """The strip in a page's text; None where it has none."""
     found = _DATA.search(page, 0, _TOP)
     try:
         told = load_json(found[1]) if found else {}

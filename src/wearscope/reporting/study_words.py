@@ -400,7 +400,7 @@ def friction_rise(study: Study, wear: float, robot: str = "") -> tuple[float, fl
 
 
 def qualify(study: Study) -> list[str]:
-    """What the conclusion leaves open."""
+    """Sentences on points that the conclusion leaves open."""
     one = study.conclusions[0]
     told = describe(study, one)
     law = [*(mismatch_outcome(study, one.upper) if one.upper else []), say(_STRIP, "bound", told)]

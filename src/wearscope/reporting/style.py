@@ -59,7 +59,7 @@ def figure_bytes(figure: Figure, kind: str = "svg", dpi: float | None = None) ->
 
 
 def save_figure(figure: Figure, *paths: str | Path) -> None:
-    """Write a figure whole or not at all, as SVG or PNG by the name's ending; laid out once for all."""
+    """Write a figure whole or not at all, as SVG or PNG by the name's ending, with one layout for all."""
     for path in paths:
         content = figure_bytes(figure, Path(path).suffix.lstrip("."))
         figure.set_layout_engine("none")

@@ -143,7 +143,7 @@ def write_tracking_page(folder: str | Path) -> None:
 
 
 def render_tracking(tracking: Tracking) -> str:
-    """Page of a tracked machine, with nothing from elsewhere."""
+    """Self-contained page of a tracked machine."""
     outcome, names = tracking.outcome, trend_names(tracking)
     trends = [
         {"slope": 100 * one["slope"], "ends": _ends(100 * end for end in one["ci95"])}

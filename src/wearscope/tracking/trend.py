@@ -90,7 +90,7 @@ def leave_healthy(segments: np.ndarray, healthy: int) -> list[int]:
 
 
 def find_since(counting: Sequence[bool], segments: Sequence[int], session: int) -> int:
-    """Index of the first session from which a change counts that counts in `session`.
+    """Index of the session since which a change that counts in `session` has counted.
 
     Parameters
     ----------

@@ -243,6 +243,14 @@ def arm(record_at, tmp_path_factory):
     return record_at(tmp_path_factory.mktemp("arm") / "d", planted, runs=3, duration=8.0, seed=3, rate=100.0)
 
 
+def test_speed_columns_of_zeros_are_refused(arm, tmp_path):
+    """Zeros in the place of most speeds are neither another unit nor a wrong clock."""
+    folder = shutil.copytree(arm, tmp_path / "d")
+    change_runs(folder, lambda table: table.assign(qd_a=0.0, qd_b=0.0))
+    change_runs(folder, lambda table: table.assign(qd_a=np.gradient(table["q_a"], table["t"])), first=True)
+    refuse(folder, r"column 'qd_[ab]' is 0 times the slope of 'q_[ab]'")
+
+
 def exchange(*kinds):
     pairs = {f"{kind}_{x}": f"{kind}_{y}" for kind in kinds for x, y in ("ab", "ba")}
     return lambda table: table.rename(columns=pairs)

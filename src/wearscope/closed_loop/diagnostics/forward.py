@@ -39,10 +39,6 @@ def with_payload(model: RobotModel, prepared: Prepared, run: PreparedRun) -> Rob
     return model if model.to_mapping().get("payload") == stated else model.replace(payload=stated)
 
 
-def _needed(model: RobotModel) -> set[str]:
-    return {entry.joint for entry in model.effects if "temperature" in entry.effect}
-
-
 def recorded_temperature(
     prepared: Prepared, run: PreparedRun, models: dict[str, RobotModel], count: int, start: int = 0
 ) -> np.ndarray:
@@ -55,7 +51,7 @@ def recorded_temperature(
     """
     temperature = run.signals.temperature[start : start + count]
     for stage, model in models.items():
-        for name in _needed(model):
+        for name in (entry.joint for entry in model.effects if "temperature" in entry.effect):
             if not np.isfinite(temperature[:, prepared.dataset.joints.index(name)]).all():
                 raise InputError(
                     f"{run.file}: the model {stage} needs the temperature of joint '{name}', which this run "

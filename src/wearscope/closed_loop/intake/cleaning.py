@@ -274,14 +274,11 @@ def _find_frozen(run: Run, j: int) -> np.ndarray:
         # A coarsely quantised torque keeps one value for several samples without being frozen.
         usual = float(np.percentile([high + 1 - low for low, high in stretches], 95))
         shortest = max(shortest, int(_LONG * usual))
+    least = 1e-3 * float(np.ptp(run.q[:, j]))
     for low, high in stretches:
-        if high + 1 - low >= shortest and _travels(run.q[low : high + 2, j], run.q[:, j]):
+        if high + 1 - low >= shortest and np.ptp(run.q[low : high + 2, j]) > least:
             frozen[low : high + 2] = True
     return frozen
-
-
-def _travels(part: np.ndarray, whole: np.ndarray) -> bool:
-    return bool(np.ptp(part) > 1e-3 * np.ptp(whole))
 
 
 def clean_run(

@@ -132,8 +132,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     frame = frame.assign(**dict.fromkeys(named - set(frame.columns), 0.0))
     q = take_joints(path, frame, "q", joints)
     torque = take_torques(path, frame, joints, fields.servos, t, q)
-    off = np.zeros(q.shape, dtype=bool) if torque.off is None else torque.off.copy()
-    off[:, uncounted] = True
+    torque.off[:, uncounted] = True
     speed = take_given(path, frame, "qd", joints)
     way = {
         kind: np.array([-1.0 if f"{kind}_{joint}" in fields.turned else 1.0 for joint in joints])
@@ -155,7 +154,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
         channels={name: take_column(path, frame, name) for name in fields.channels},
         start=float(t[0]),
         quantum=estimate_quantum(q) * np.abs(way["q"]),
-        off=off if off.any() else None,
+        off=torque.off if torque.off.any() else None,
         notes=(*(f"{path.name}: {one}" for one in told), *torque.notes),
     )
 

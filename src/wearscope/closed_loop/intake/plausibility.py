@@ -18,7 +18,7 @@ from wearscope.closed_loop.intake.signal_checks import check_signals, check_spee
 from wearscope.closed_loop.intake.traits import notes
 from wearscope.closed_loop.intake.traits.hypotheses import say_columns, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
-from wearscope.closed_loop.intake.traits.rows import Rows, leave
+from wearscope.closed_loop.intake.traits.rows import Rows, subtract_fit
 from wearscope.closed_loop.intake.traits.score import Weighing
 from wearscope.closed_loop.intake.traits.search import HOPELESS, MUCH, REFUSE, Weighed, look_at, weigh
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
@@ -44,15 +44,15 @@ def check_plausibility(prepared: Prepared) -> None:
         Naming the runs, the columns and what they look like.
     """
     first, rows = len(prepared.notes), Rows.of(prepared)
-    left = np.array([_leave(rows.pick(rows.run == k)) for k in range(len(prepared.runs))])
+    left = np.array([_find_unexplained(rows.pick(rows.run == k)) for k in range(len(prepared.runs))])
     check_speeds(prepared, partial(_ask_clock, prepared))
-    if rows.heard:
+    if rows.tested:
         _check_signs(prepared, rows)
         found = _check_readings(prepared, rows)
     # Limits of the signals are checked last, since a refusal by a reading tells the user more.
     for run, own in zip(prepared.runs, left, strict=True):
         check_signals(prepared, run, own <= MUCH)
-    if rows.heard:
+    if rows.tested:
         _check_unrelated(prepared, rows, left, found)
         notes.add_notes(prepared, rows, found)
     prepared.notes += prepared.dataset.accepted.list_unused()
@@ -62,7 +62,7 @@ def check_plausibility(prepared: Prepared) -> None:
 def _ask_clock(prepared: Prepared, factor: float) -> float:
     """Evidence [nats] that the clock is wrong by `factor`, with speeds from differentiated positions."""
     rows = Rows.of(replace(prepared, runs=[_take_slopes(run) for run in prepared.runs], notes=[]))
-    return look_at(rows, Reading.stated(rows.n).has("clock", 0.0, clock=factor)) if rows.heard else 0.0
+    return look_at(rows, Reading.stated(rows.n).has("clock", 0.0, clock=factor)) if rows.tested else 0.0
 
 
 def _take_slopes(run: PreparedRun) -> PreparedRun:
@@ -73,11 +73,11 @@ def _take_slopes(run: PreparedRun) -> PreparedRun:
     return replace(run, signals=signals)
 
 
-def _leave(rows: Rows) -> np.ndarray:
+def _find_unexplained(rows: Rows) -> np.ndarray:
     """Share (n,) of each torque's variance that rigid body and friction leave; NaN where none is tested."""
     left = np.full(rows.n, np.nan)
-    if rows.heard:
-        left[rows.heard] = Weighing(rows, coarse=True).fit(Reading.stated(rows.n)).leave_plain()
+    if rows.tested:
+        left[rows.tested] = Weighing(rows, coarse=True).fit(Reading.stated(rows.n)).leave_plain()
     return left
 
 
@@ -118,7 +118,7 @@ def _doubt_one(whole: Rows, found: Weighed) -> list[Rows]:
     """
     left = found.stated.leave_by_run()
     doubtful = np.flatnonzero(left > MUCH).tolist() if len(left) > 1 else []
-    rest = {k: np.nan_to_num(_leave(whole.pick(whole.run != k))).sum() for k in doubtful}
+    rest = {k: np.nan_to_num(_find_unexplained(whole.pick(whole.run != k))).sum() for k in doubtful}
     return [replace(whole, doubted=whole.run == run) for run in sorted(rest, key=lambda k: rest[k])[:1]]
 
 
@@ -132,7 +132,7 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
     if not refused or poor or found.best.over(found.stated) < REFUSE:
         return None
     parts = [told.rstrip(".") for told, _ in (*refused, *noted)]
-    if max(map(found.best.rub, range(len(found.best.left)))) < notes.NO_FRICTION:
+    if max(map(found.best.measure_friction, range(len(found.best.left)))) < notes.NO_FRICTION:
         parts = [one.replace("no gravity", "neither gravity nor friction") for one in parts]
     codes = [code for _, some in refused for code in some]
     rivals = found.list_rivals(rows)
@@ -143,10 +143,10 @@ def _tell(found: Weighed, rows: Rows) -> tuple[str, tuple[str, ...]] | None:
 
 def _check_signs(prepared: Prepared, whole: Rows) -> None:
     """Refuse torques that were recorded without their sign; note positions that start at 0 in every run."""
-    left, joints = _leave(whole), prepared.dataset.joints
+    left, joints = _find_unexplained(whole), prepared.dataset.joints
     records = [record.load() for record in prepared.dataset.runs]
     lowest = np.min([record.tau.min(axis=0) for record in records], axis=0)
-    if bare := [j for j in whole.heard if lowest[j] >= 0.0]:
+    if bare := [j for j in whole.tested if lowest[j] >= 0.0]:
         # A load may keep a torque on one side of zero.
         known = Weighing(whole, coarse=True).fit(Reading.stated(whole.n)).columns.known
         gains = {j: _unfold(whole, known, j) for j in bare}
@@ -181,20 +181,20 @@ def _unfold(rows: Rows, known: np.ndarray, j: int) -> float:
     for start in (body, direction):
         sign = np.where(start < 0.0, -1.0, 1.0)
         for _ in range(_TURNS):
-            sign = np.where(sign * y < leave(sign * y, columns), -1.0, 1.0)
-        left.append(float(leave(sign * y, columns).var()))
+            sign = np.where(sign * y < subtract_fit(sign * y, columns), -1.0, 1.0)
+        left.append(float(subtract_fit(sign * y, columns).var()))
     none = 0.01 * float(y.var())
-    return (min(left) + none) / (float(leave(y, columns).var()) + none)
+    return (min(left) + none) / (float(subtract_fit(y, columns).var()) + none)
 
 
 def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: Weighed) -> None:
     """Refuse torques that the motion hardly explains in a run, or that no machine explains well."""
     known = found.stated.fit.columns.known
     for k, run in enumerate(prepared.runs):
-        own, heard = whole.run == k, np.isfinite(left[k])
-        if not heard.any() or np.median(left[k, heard]) <= HOPELESS:
+        own, tested = whole.run == k, np.isfinite(left[k])
+        if not tested.any() or np.median(left[k, tested]) <= HOPELESS:
             continue
-        free = np.median([_misfit(whole.pick(own), known[own], j) for j in np.flatnonzero(heard).tolist()])
+        free = np.median([_misfit(whole.pick(own), known[own], j) for j in np.flatnonzero(tested).tolist()])
         if free > HOPELESS:
             told = (
                 f"the motion explains next to nothing of the torque ({100 * max(0.0, 1 - free):.0f} % of the "
@@ -202,11 +202,11 @@ def _check_unrelated(prepared: Prepared, whole: Rows, left: np.ndarray, found: W
             )
             prepared.refuse(str(prepared.dataset.folder / run.file), told, "unrelated tau")
     bad = found.stated.held > _UNJUDGED
-    names = [f"tau_{prepared.dataset.joints[j]}" for j in np.array(whole.heard, dtype=int)[bad]]
+    names = [f"tau_{prepared.dataset.joints[j]}" for j in np.array(whole.tested, dtype=int)[bad]]
     sizes = 100 * np.sqrt(found.stated.held[bad])
     # A single joint may have an effect of its own; where most joints are unexplained, a common cause is
     # missing.
-    if 1 < len(names) >= 0.5 * len(whole.heard):
+    if 1 < len(names) >= 0.5 * len(whole.tested):
         told = (
             f"body, friction and springs leave {sizes.min():.0f} to {sizes.max():.0f} % (RMS) of "
             f"{', '.join(names)}, as where the base moves or something is touched; measure on a fixed base "
@@ -228,4 +228,4 @@ def _misfit(own: Rows, known: np.ndarray, j: int) -> float:
     centre, half = 0.5 * (q.max() + q.min()), max(0.5 * float(np.ptp(q)), 1e-12)
     smooth = [((q - centre) / half) ** k for k in range(5)]
     motion = [known[at, j], own.a[at, j], own.sign[at, j], own.v[at, j]]
-    return float(leave(y, [*motion, *smooth]).var() / y.var())
+    return float(subtract_fit(y, [*motion, *smooth]).var() / y.var())

@@ -214,13 +214,13 @@ def _choose_band(rough: list[RoughRun], moving: np.ndarray, rate: float, edge: f
 
 def _choose_widths(rough: list[RoughRun], moving: np.ndarray, band: Band, factor: int) -> np.ndarray:
     """Widths (n,) of the friction's reversal, from the training runs."""
-    thin = replace(band, rate=band.rate / factor)
+    thinned = replace(band, rate=band.rate / factor)
     train = [
-        replace(run, sign=np.where(_find_rest(run.slow, thin), 0.0, run.sign))
+        replace(run, sign=np.where(_find_rest(run.slow, thinned), 0.0, run.sign))
         for run in rough
         if run.use == "train"
     ]
-    return choose_reversal_widths(train, moving, thin, averaged=factor > 1)
+    return choose_reversal_widths(train, moving, thinned, averaged=factor > 1)
 
 
 def _find_rest(slow: np.ndarray, band: Band) -> np.ndarray:

@@ -13,11 +13,6 @@ LEAST_CHANGES = 3
 _WHOLE = 0.02
 
 
-def no_losses() -> np.ndarray:
-    """Empty array (0, 2) of stretches with lost samples."""
-    return np.zeros((0, 2))
-
-
 @dataclass
 class Run:
     """One recording, or a piece of one between gaps.
@@ -63,7 +58,7 @@ class Run:
     channels: dict[str, np.ndarray] = field(default_factory=dict)
     start: float = 0.0
     piece: int = 0
-    losses: np.ndarray = field(default_factory=no_losses)
+    losses: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     quantum: np.ndarray | None = None
     off: np.ndarray | None = None
     notes: tuple[str, ...] = ()

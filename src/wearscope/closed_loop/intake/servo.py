@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.closed_loop.intake.table_files import take_column, take_joints
+from wearscope.closed_loop.intake.table_files import take_column
 from wearscope.errors import InputError
 from wearscope.robots.servos import COLUMNS, ServoFields
 
@@ -33,26 +33,26 @@ _FOLLOWS = 0.8
 
 
 @dataclass(frozen=True)
-class ServoTorque:
-    """Torque of one servo, from its columns.
+class Torques:
+    """Torques of a recording; of a single servo, arrays are (N,).
 
     Attributes
     ----------
-    torque : ndarray (N,)
-        At the joint [N m or N].
-    off : ndarray (N,) of bool
-        Rows in which the torque was off.
+    tau : ndarray (N, n)
+        Torque on the joint side of the gear [N m or N].
+    off : ndarray (N, n) of bool
+        Rows in which a servo's torque was off.
     notes : tuple of str
     """
 
-    torque: np.ndarray
+    tau: np.ndarray
     off: np.ndarray
     notes: tuple[str, ...] = ()
 
 
 def take_servo_torque(
     path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields, t: np.ndarray, q: np.ndarray
-) -> ServoTorque:
+) -> Torques:
     """Torque of a servo from its columns, by the law that `dataset.yaml` states.
 
     Parameters
@@ -80,7 +80,7 @@ def take_servo_torque(
     off = _read_off(path, frame, joint)
     if servo.law == "current":
         current = take_column(path, frame, f"current_{joint}")
-        return ServoTorque(np.where(off, 0.0, servo.constant * current), off)
+        return Torques(np.where(off, 0.0, servo.constant * current), off)
     if servo.law == "duty":
         goal = take_column(path, frame, f"goal_{joint}") if f"goal_{joint}" in frame.columns else None
         counts = take_column(path, frame, f"duty_{joint}")
@@ -103,7 +103,7 @@ def take_servo_torque(
     assert servo.resistance is not None
     drive = servo.constant / servo.resistance * duty * _read_volts(path, frame, joint, servo)
     speed = np.gradient(q, t)
-    return ServoTorque(np.where(off, 0.0, drive - servo.back_emf * speed), off, tuple(notes))
+    return Torques(np.where(off, 0.0, drive - servo.back_emf * speed), off, tuple(notes))
 
 
 def estimate_gain(duty: np.ndarray, error: np.ndarray, off: np.ndarray, limit: float) -> float:
@@ -200,24 +200,6 @@ def restore_duty(
     return duty * np.sign(error), notes
 
 
-@dataclass(frozen=True)
-class Torques:
-    """Torque columns of a recording.
-
-    Attributes
-    ----------
-    tau : ndarray (N, n)
-        On the joint side of the gear.
-    off : ndarray (N, n) of bool or None
-        Rows in which a servo's torque was off; None where there are none.
-    notes : tuple of str
-    """
-
-    tau: np.ndarray
-    off: np.ndarray | None = None
-    notes: tuple[str, ...] = ()
-
-
 def take_torques(
     path: Path,
     frame: pd.DataFrame,
@@ -243,8 +225,6 @@ def take_torques(
     InputError
         Where a column is missing, or holds no torque.
     """
-    if not servos:
-        return Torques(take_joints(path, frame, "tau", joints))
     tau, off = np.empty(q.shape), np.zeros(q.shape, dtype=bool)
     notes: list[str] = []
     for j, joint in enumerate(joints):
@@ -252,9 +232,9 @@ def take_torques(
             tau[:, j] = take_column(path, frame, f"tau_{joint}")
             continue
         found = take_servo_torque(path, frame, joint, servos[joint], t, q[:, j])
-        tau[:, j], off[:, j] = found.torque, found.off
+        tau[:, j], off[:, j] = found.tau, found.off
         notes += [one.replace(str(path), path.name) for one in found.notes]
         if found.off.any():
             count = int(found.off.sum())
             notes.append(f"{path.name}: the torque of {joint} is off in {count} rows; they do not count.")
-    return Torques(tau, off if off.any() else None, tuple(notes))
+    return Torques(tau, off, tuple(notes))

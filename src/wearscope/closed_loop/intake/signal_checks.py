@@ -77,7 +77,9 @@ def check_speeds(prepared: Prepared, ask_clock: Callable[[float], float]) -> Non
         return
     alike = min(alike for _, _, alike in gains.values())
     factor = float(np.median([gain for _, gain, _ in gains.values()]))
-    one = max(abs(np.log(gain / factor)) if gain > 0.0 else np.inf for _, gain, _ in gains.values())
+    one = max(
+        abs(np.log(gain / factor)) if min(gain, factor) > 0.0 else np.inf for _, gain, _ in gains.values()
+    )
     for_clock = ask_clock(1.0 / factor) if alike > 0.8 and one < _ONE_FACTOR else -np.inf
     if for_clock > -NOTE:
         told, codes = say_clock(1.0 / factor)

@@ -165,10 +165,10 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
-    1986), scaled by B/(B - p) for B blocks and p effective parameters per joint. The prior on a body's inertial
-    parameters counts as observations with their own scatter. Intervals take Student's t with as many degrees
-    of freedom as clusters carry the parameter's information, less one. Where a regressor was made from the
-    measured torque, its noise-free instrument takes its place in the scores.
+    1986), scaled by B/(B - p) for B blocks and p effective parameters per joint. The prior on a body's
+    inertial parameters counts as observations with their own scatter. Intervals take Student's t with as many
+    degrees of freedom as clusters carry the parameter's information, less one. Where a regressor was made
+    from the measured torque, its noise-free instrument takes its place in the scores.
 
     Parameters
     ----------

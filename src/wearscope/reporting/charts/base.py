@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from wearscope.reporting.labels import CELL
+
 #: Significant digits of numbers in charts; the Parquet files hold all digits.
 DIGITS = 5
-CELL_KEYS = ("robot", "cycle", "axis", "fda")
 #: Columns that name a cell, each with the filter of the same name.
-BY_CELL = {key: key for key in CELL_KEYS}
+BY_CELL = {key: key for key in CELL}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.scope import choose_method, count_scope
-from wearscope.reporting.charts.base import BY_CELL, CELL_KEYS, Chart, Choice, Source, round_digits
+from wearscope.reporting.charts.base import BY_CELL, Chart, Choice, Source, round_digits
 from wearscope.reporting.charts.encoding import (
     add_zoom,
     cell_tips,
@@ -29,6 +29,7 @@ from wearscope.reporting.charts.encoding import (
     tips,
 )
 from wearscope.reporting.labels import (
+    CELL,
     factor_label,
     factor_name,
     quantity_text,
@@ -40,7 +41,7 @@ from wearscope.reporting.labels import (
 )
 from wearscope.reporting.study import Study
 
-_KEYS = list(CELL_KEYS)
+_KEYS = list(CELL)
 FILTER_LABELS = {"robot": "Robot", "cycle": "Test-cycle", "axis": "Axis", "fda": "Detector"}
 ALL_ROBOTS = "all robots"
 _COLUMNS = {

@@ -84,7 +84,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     coarse : bool
         Without soft gears, friction that falls with the speed, and waves over the position.
     """
-    moved, motors = rows.motion(reading), [] if coarse else rows.heard
+    moved, motors = rows.motion(reading), [] if coarse else rows.tested
     doubted = set(rows.run[rows.doubted].tolist())
     bodies = [
         _mount(run.signals.rigid_body, reading) if k in doubted else run.signals.rigid_body

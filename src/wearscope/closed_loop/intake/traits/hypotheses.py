@@ -71,10 +71,6 @@ def _name(rows: Rows, joints: np.ndarray | list[int], kind: str) -> list[str]:
     return [f"{kind}_{rows.joints[j]}" for j in joints]
 
 
-def _turning(few: Weighing) -> list[int]:
-    return [j for j in few.rows.heard if not few.rows.slides[j]]
-
-
 def refine(
     few: Weighing, make: Callable[[float], Reading], start: float, reach: tuple[float, float], hope: float
 ) -> Reading:
@@ -202,7 +198,7 @@ def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
     values = values[:1] if alike else values
     if not off:
         where = [rows.joints[j] for j in at]
-        if alike and set(rows.heard) == set(at.tolist()):
+        if alike and set(rows.tested) == set(at.tolist()):
             where = ["all joints"]
         told = (
             f"torques at {', '.join(where)} are {', '.join(values)} times what the stated bodies need: the "
@@ -233,10 +229,10 @@ def _tell_sizes(r: Reading, rows: Rows) -> Told | None:
 
 def _propose_signs(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Readings with a reversed sign: of a torque, a position, both columns of a joint, or all torques."""
-    heard = few.rows.heard
-    if len(heard) > 1:
+    tested = few.rows.tested
+    if len(tested) > 1:
         yield r.has("sign", 0.0, torque_sign=tuple(-one for one in r.torque_sign))
-    for j in heard:
+    for j in tested:
         torque = {"torque_sign": r.times("torque_sign", [j], -1.0)}
         position = {"factor": r.times("factor", [j], -1.0), "zero": r.times("zero", [j], -1.0)}
         yield r.has("sign", 0.0, **torque)
@@ -249,7 +245,7 @@ def _tell_signs(r: Reading, rows: Rows) -> Told | None:
     torques, positions = np.array(r.torque_sign) < 0.0, np.array(r.factor) < 0.0
     if not torques.any() and not positions.any():
         return None
-    every = not positions.any() and torques[rows.heard].all()
+    every = not positions.any() and torques[rows.tested].all()
     axis = "the URDF's axis"
     groups: list[tuple[np.ndarray, tuple[str, ...], str]]
     groups = [(torques & ~positions, ("tau",), "what the motion needs")]
@@ -356,7 +352,7 @@ def _propose_factors(few: Weighing, r: Reading) -> Iterator[Reading]:
             if group:
                 yield r.has("unit", 0.0, factor=r.times("factor", group, unit))
     turning = [j for j in plain if not rows.slides[j]]
-    for group in [turning, *([j] for j in turning if len(turning) > 1 and j in rows.heard)]:
+    for group in [turning, *([j] for j in turning if len(turning) > 1 and j in rows.tested)]:
         if not group:
             continue
 
@@ -377,7 +373,7 @@ def _tell_units(r: Reading, rows: Rows) -> Told | None:
     for unit, name, target, slides in ((DEGREE, "degrees", "rad", False), (_MM, "mm", "m", True)):
         some = [j for j in range(rows.n) if abs(r.factor[j]) == unit]
         columns, many = _name(rows, some, "q"), len(some) > 1
-        if some and all(j in some for j in rows.heard if rows.slides[j] == slides):
+        if some and all(j in some for j in rows.tested if rows.slides[j] == slides):
             told.append(f"positions look like {name}; convert q to {target}.")
             codes.append(f"{name} q")
         elif some:
@@ -404,7 +400,7 @@ def _tell_scales(r: Reading, rows: Rows) -> Told | None:
 def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
     """Readings with another zero of a revolute joint's position."""
     hope = few.look(r) - r.nats
-    for j in [j for j in _turning(few) if not r.zero[j]]:
+    for j in [j for j in few.rows.tested if not (few.rows.slides[j] or r.zero[j])]:
 
         def make(zero: float, j: int = j) -> Reading:
             return r.has("zero", FREE, zero=r.put("zero", [j], zero))
@@ -434,12 +430,12 @@ def _propose_exchanges(few: Weighing, r: Reading) -> Iterator[Reading]:
     rows = few.rows
     for i, j in combinations(range(rows.n), 2):
         motion, torque = {"motion_of": r.swap("motion_of", i, j)}, {"torque_of": r.swap("torque_of", i, j)}
-        if i in rows.heard and j in rows.heard:
+        if i in rows.tested and j in rows.tested:
             yield r.has("exchanged", 0.0, **torque)
             yield r.has("exchanged", 0.0, **motion, **torque)
-        if i in rows.heard or j in rows.heard:
+        if i in rows.tested or j in rows.tested:
             yield r.has("exchanged", 0.0, **motion)
-    for j in rows.heard:
+    for j in rows.tested:
         if not r.crossed:
             yield r.has("exchanged", 0.0, crossed=frozenset([j]))
 

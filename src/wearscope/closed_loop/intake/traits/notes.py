@@ -5,7 +5,7 @@ import numpy as np
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, tell
-from wearscope.closed_loop.intake.traits.rows import Rows, leave
+from wearscope.closed_loop.intake.traits.rows import Rows, subtract_fit
 from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model
 from wearscope.closed_loop.intake.traits.search import LITTLE, REFUSE, Weighed
 from wearscope.effects.torque_constant_error import EFFECT as TORQUE_CONSTANT
@@ -51,7 +51,7 @@ def add_notes(prepared: Prepared, rows: Rows, found: Weighed) -> None:
     _note_payload(prepared, found)
     prepared.notes += [f"or, which these motions do not tell from a payload, {told}" for told in rivals]
     for k, j in enumerate(model.fit.joint.tolist()):
-        if model.rub(k) < NO_FRICTION and model.left[k] < LITTLE:
+        if model.measure_friction(k) < NO_FRICTION and model.left[k] < LITTLE:
             prepared.link_side = prepared.link_side | {names[j]}
     if prepared.link_side:
         link = [name for name in names if name in prepared.link_side]
@@ -85,7 +85,7 @@ def _note_weight(prepared: Prepared, rows: Rows, model: Model) -> None:
                 "scale or zero. Where it hardly varies, the data do not tell which; record the drive's whole "
                 "torque."
             )
-        elif 0.0 < fit.size_alone(k) < _NO_BODY and leave(known, drive).std() > _WEIGHS * tau.std():
+        elif 0.0 < fit.size_alone(k) < _NO_BODY and subtract_fit(known, drive).std() > _WEIGHS * tau.std():
             prepared.notes.append(
                 f"{name}: next to nothing of the rigid body is seen in this torque; likely causes: "
                 'gravity was taken out ("torque: without_gravity"), a balancer carries the body, positions '

@@ -123,7 +123,7 @@ class Rows:
         return np.array([y.std() if len(y) >= LEAST_ROWS and np.ptp(y) > 0.0 else 0.0 for y in some])
 
     @cached_property
-    def heard(self) -> list[int]:
+    def tested(self) -> list[int]:
         """Indices of the torque columns that can be tested: those whose `scale` is not 0."""
         return [int(j) for j in np.flatnonzero(self.scale)]
 
@@ -131,7 +131,7 @@ class Rows:
     def fold(self) -> np.ndarray:
         """Cross-validation fold (N,) of each row: whole runs, or fifths of each if fewer than three count."""
         number, length = np.unique(self.run, return_inverse=True, return_counts=True)[1:]
-        counted = [len(np.unique(number[self.counts[:, j]])) for j in self.heard]
+        counted = [len(np.unique(number[self.counts[:, j]])) for j in self.tested]
         # A payload of some runs must be fitted on a part of each of them.
         if min(counted, default=0) > 2 and self.loaded.all():
             return np.asarray(number % 5)
@@ -226,10 +226,10 @@ def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:
     if at.sum() < LEAST_ROWS:
         return False
     columns = [body[at, j], own["a"][at, j], own["sign"][at, j], own["v"][at, j], np.ones(at.sum())]
-    return bool(leave(own["tau"][at, j], columns).var() < _MOST * own["tau"][at, j].var())
+    return bool(subtract_fit(own["tau"][at, j], columns).var() < _MOST * own["tau"][at, j].var())
 
 
-def leave(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
+def subtract_fit(y: np.ndarray, columns: list[np.ndarray]) -> np.ndarray:
     """Residual (N,) of the least-squares fit of columns (N,) to a signal (N,)."""
     x = np.column_stack(columns)
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])

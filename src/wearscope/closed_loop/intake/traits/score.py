@@ -63,13 +63,13 @@ class Fit:
 
     def __init__(self, rows: Rows, reading: Reading, columns: Columns) -> None:
         self.rows, self.reading, self.columns = rows, reading, columns
-        heard, joint = rows.heard, rows.joint_of(reading)
-        self.joint = joint[heard]
-        tau, some = rows.torque(reading)[:, heard], columns.pick(self.joint)
+        tested, joint = rows.tested, rows.joint_of(reading)
+        self.joint = joint[tested]
+        tau, some = rows.torque(reading)[:, tested], columns.pick(self.joint)
         self.names = np.array(OWN)[: some.own.shape[2]]
-        shared, own, n = some.shared.shape[2], len(self.names), len(heard)
-        counts, scale = rows.counts[:, heard], rows.scale[heard].copy()
-        for k in np.flatnonzero(np.isin(heard, sorted(reading.crossed))):
+        shared, own, n = some.shared.shape[2], len(self.names), len(tested)
+        counts, scale = rows.counts[:, tested], rows.scale[tested].copy()
+        for k in np.flatnonzero(np.isin(tested, sorted(reading.crossed))):
             scale[k] = tau[counts[:, k], k].std()
         size = np.array(reading.size)[self.joint]
         sign, size = np.sign(size), np.abs(size)
@@ -273,7 +273,7 @@ class Model:
         """Largest unexplained share (R,) of any torque's variance in each run."""
         rows, shares = self.fit.rows, []
         number = np.unique(rows.run, return_inverse=True)[1]
-        for k, c in enumerate(rows.heard):
+        for k, c in enumerate(rows.tested):
             at = rows.counts[:, c]
             count = np.maximum(np.bincount(number, at), 1)
             y = self.fit.y[k] + self.fit.body[k]
@@ -282,7 +282,7 @@ class Model:
             shares.append(np.divide(left, spread, out=0.0 * left, where=spread > _EPS))
         return np.asarray(np.max(shares, axis=0))
 
-    def rub(self, k: int) -> float:
+    def measure_friction(self, k: int) -> float:
         """Share of the k-th torque's variance that friction makes."""
         kinds = ("Coulomb", "viscous", "friction", "damping")
         own = self.own(k) * [any(kind in name for kind in kinds) for name in self.fit.names]
