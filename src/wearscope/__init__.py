@@ -1,15 +1,15 @@
-"""Will a fault detector find joint wear, and can the simulator that says so be trusted.
+"""Predicts whether a fault detector will find joint wear, and checks the simulator behind that prediction.
 
-For a notebook or a script; each name is imported when it is first used:
+These names are for notebooks and scripts; each is imported when it is first used:
 
-- `Study`: results of a study as data frames with units, and its figures;
-- `diagnose`: what the declared model of a measured machine lacks;
-- `track`: what changed since the machine was healthy;
-- `detect`: recordings judged by detectors;
-- `evaluate`: how well a model predicts recordings;
-- `example_dataset`: where the data set is that ships with the package;
-- `simulate`: one recorded run of a robot under given wear, temperature and payload error;
-- `InputError`: bad input, said in one sentence.
+- `Study`: reads the results of a study as data frames with units, and its figures;
+- `diagnose`: finds what the declared model of a measured machine lacks;
+- `track`: finds what has changed since the machine was healthy;
+- `detect`: applies fault detectors to recordings;
+- `evaluate`: measures how well a model predicts recordings;
+- `example_dataset`: returns the folder of the data set that comes with the package;
+- `simulate`: simulates and records one run of a robot with given wear, temperature and payload error;
+- `InputError`: is raised for bad input, with a message of one sentence.
 
 Examples
 --------
@@ -47,7 +47,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is asked for."""
+    """Import a public name when it is first used."""
     if name == "__version__":
         return import_module("importlib.metadata").version("wearscope")
     if name not in _MODULES:

@@ -2,7 +2,8 @@
 
 import sys
 
-# Python puts the working directory first, which may be a data set: nothing is imported from there.
+# Python looks for modules in the working directory first. It may be a data set from an unknown source, so
+# nothing may be imported from there.
 if not sys.flags.safe_path:
     del sys.path[0]
 

@@ -1,4 +1,4 @@
-"""The one exception meant to be read by users, lists of problems, and the error of a missing package."""
+"""Defines the error that users read, lists of problems, and functions that word the errors of libraries."""
 
 import re
 import sys
@@ -9,20 +9,21 @@ from typing import Any, TypeVar
 
 
 class SimulationError(RuntimeError):
-    """A run that diverged, left its limits or disagreed with PyBullet, told in one sentence."""
+    """A simulated run diverged, left its limits or disagreed with PyBullet; the message is one sentence."""
 
 
 class SelfTestError(SimulationError):
-    """PyBullet adds something that the model has not: no run can be trusted, whatever its design point."""
+    """PyBullet's torques differ from the model's, so that no simulated run of this robot can be trusted."""
 
 
+#: Longest message [characters].
 LONGEST = 1000
 
 
 class InputError(ValueError):
-    """Bad input, told in one sentence: the file, field or row, what is wrong, and the remedy.
+    """Bad input. The message is one sentence with the file, field or row, what is wrong, and the remedy.
 
-    What is quoted from the input can neither break the line nor steer a terminal; it is cut where long.
+    Control characters that a message quotes from the input are escaped, and a long message is shortened.
     """
 
     def __init__(self, message: object = "") -> None:
@@ -33,20 +34,20 @@ class InputError(ValueError):
 
 
 def escape_text(text: str) -> str:
-    """Text of a file as it may be shown: no character of it can break a line or steer a terminal."""
+    """Escape all characters that could break a line or control a terminal."""
     text = text.replace("\xa0", " ")
     return text if text.isprintable() else "".join(one if one.isprintable() else escape(one) for one in text)
 
 
 def escape(character: str) -> str:
-    r"""How Python writes a character that cannot be printed, e.g. ``\n``."""
+    r"""Return Python's escape sequence of a character, e.g. ``\n``."""
     return character.encode("unicode_escape").decode("ascii")
 
 
 def describe(error: BaseException, most: int = 200) -> str:
-    """What an error says, in one line of at most so many characters without a full stop.
+    """Return an error's message as one line of at most `most` characters, without its full stop.
 
-    Where an error of own code cannot even give its text, that is said.
+    An error raised by a user's code may itself fail to give its message; this is then stated instead.
     """
     try:
         return " ".join(str(error).split())[:most].rstrip(".")
@@ -55,12 +56,12 @@ def describe(error: BaseException, most: int = 200) -> str:
 
 
 def tell_error(error: BaseException) -> str:
-    """Kind of an error, and what it says, in one line."""
+    """Return the type and the message of an error in one line."""
     return f"{type(error).__name__}: {describe(error, LONGEST)}".rstrip()
 
 
 def explain_breach(error: Any) -> str:
-    """First field that a pydantic model refuses (`pydantic.ValidationError`), and why."""
+    """Return the first field that a `pydantic.ValidationError` refuses, and the reason."""
     first = error.errors()[0]
     told = re.sub(r"^Value error, |^\w+ (?=should)", "", first["msg"])
     told = told.replace("Field required", "is missing").replace("Unexpected keyword argument", "is not known")
@@ -69,7 +70,7 @@ def explain_breach(error: Any) -> str:
 
 
 def explain_yaml(error: Exception) -> str:
-    """Where a text is no YAML, and why, in a few words."""
+    """Return line, column and reason of an error in a YAML text, in a few words."""
     mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
     if mark is None:
         return describe(error)
@@ -79,12 +80,12 @@ def explain_yaml(error: Exception) -> str:
     return reason
 
 
-#: Extra of pyproject.toml and what needs it, by the module.
+#: For each optional module: the extra of pyproject.toml that installs it, and what needs it.
 EXTRAS = {"mujoco": ("export", "an export"), "rosbags": ("ros", "a recording of ROS 2")}
 
 
 def need(module: str) -> None:
-    """Refuse, with the command that installs it, where a module of an extra is missing."""
+    """Raise an InputError, with the command that installs it, if an optional module is missing."""
     if find_spec(module) is None:
         extra, what = EXTRAS[module]
         raise InputError(
@@ -98,15 +99,16 @@ T = TypeVar("T")
 
 @dataclass
 class Findings:
-    """What is wrong, and what a user should know.
+    """Result of a check.
 
     Attributes
     ----------
     what : str
-        What was checked.
+        Name of the object that was checked.
     problems : list of str
-        A sentence each; none where all is well.
+        Problems, a sentence each; empty if all is well.
     notes : list of str
+        Other facts that a user should know, a sentence each.
     """
 
     what: str
@@ -114,7 +116,7 @@ class Findings:
     notes: list[str] = field(default_factory=list)
 
     def attempt(self, action: Callable[[], T]) -> T | None:
-        """Result of an action; None, and its sentence among the problems, where it refuses."""
+        """Call an action and return its result; if it raises an InputError, add a problem and return None."""
         try:
             return action()
         except InputError as error:
@@ -122,6 +124,6 @@ class Findings:
             return None
 
     def add(self, *sentences: str) -> None:
-        """Add problems that are not among them yet."""
-        told = (str(InputError(one)) for one in sentences)  # what they quote cannot break the line
+        """Add problems that are not in the list yet."""
+        told = (str(InputError(one)) for one in sentences)  # escapes control characters in them
         self.problems += [one for one in dict.fromkeys(told) if one not in self.problems]

@@ -1,19 +1,19 @@
-"""Where the workflow is, next to the package in a clone or inside it in a wheel, and the example data set."""
+"""Finds the workflow, which is next to the package in a clone and inside it in a wheel; and example data."""
 
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
-#: Folder of a wheel's package that holds what a clone holds at its top.
+#: Folder inside a wheel's package with the files that are at the top of a clone.
 _CARRIED = _PACKAGE / "platform"
 
 
 def find_home() -> Path:
-    """Folder that holds ``Snakefile``, ``workflow/``, ``config/`` and ``profiles/``.
+    """Return the folder that holds ``Snakefile``, ``workflow/``, ``config/`` and ``profiles/``.
 
     Raises
     ------
     FileNotFoundError
-        Where the package lies in neither a clone nor a wheel.
+        If the package is neither in a clone nor installed from a wheel.
     """
     for folder in (_CARRIED, _PACKAGE.parents[1]):
         if (folder / "Snakefile").is_file() and (folder / "workflow" / "rules").is_dir():
@@ -24,10 +24,10 @@ def find_home() -> Path:
 
 
 def example_dataset() -> Path:
-    """Folder of a small measured data set, to try things on.
+    """Return the folder of a small data set for trials.
 
-    An arm of three joints that the project simulated (`wearscope.starters.machine`): a spring at its second
-    joint, and friction that differs by direction at its third, are not in the model that it declares.
+    It holds simulated recordings of an arm with three joints (`wearscope.starters.machine`). Its declared
+    model lacks a spring at the second joint, and friction at the third that depends on the direction.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""Checks all that a study's jobs have written.
+"""Checks all files that a study's jobs have written.
 
-    python -m wearscope.integrity results/NAME              name what is missing or damaged
-    python -m wearscope.integrity results/NAME --set-aside  and have it made again
+    python -m wearscope.integrity results/NAME              list missing and damaged files
+    python -m wearscope.integrity results/NAME --set-aside  and rename them, so that a run makes them again
 
-Files are checked by their kept checksums (`wearscope.storage.files`), recordings by those of their pages,
-and by the markers of the simulated chunks, which list them.
+Files are compared with their recorded checksums (`wearscope.storage.files`). Recordings are compared with
+the fingerprints in the marker file of their chunk.
 """
 
 import argparse
@@ -29,12 +29,12 @@ from wearscope.storage.files import (
 
 
 def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
-    """What is missing or damaged of all that a study's jobs have written.
+    """Yield an error for each file of a study that is missing or damaged.
 
     Parameters
     ----------
     folder : path-like
-        Of the study, e.g. ``results/paper``.
+        The study's folder, e.g. ``results/paper``.
     """
     folder = Path(folder)
     kept = folder / CHECKSUMS
@@ -48,12 +48,12 @@ def find_damage(folder: str | Path) -> Iterator[DamagedFile]:
     for traces in ("traces", "partitions/*/traces"):
         for marker in sorted(folder.glob(f"{traces}/*/*/*/_chunk-*.json")):
             packed = kept / marker.with_suffix(".tar.sha256").relative_to(folder)
-            if not packed.is_file():  # its checksum is among those above
+            if not packed.is_file():  # packed recordings have a checksum, which was checked above
                 yield from _check_recordings(marker)
 
 
 def _is_dropped(folder: Path, file: Path) -> bool:
-    """Whether a file is recordings that were no longer needed, which the study's settings let go."""
+    """Return whether a missing file held recordings that the study, by its settings, deletes after use."""
     traced = file.suffix == ".tar" and "traces" in file.parts
     gone = (traced or file.parts[-3:-1] == ("reevaluation", "traces")) and not (folder / file).exists()
     if not gone or not (folder / SETTINGS).is_file():
@@ -63,6 +63,7 @@ def _is_dropped(folder: Path, file: Path) -> bool:
 
 
 def _check_recordings(marker: Path) -> Iterator[DamagedFile]:
+    """Yield an error for each missing or damaged recording of a chunk, or for its marker file."""
     try:
         fingerprints, failed = read_markers([marker])
     except DamagedFile as error:
@@ -76,7 +77,7 @@ def _check_recordings(marker: Path) -> Iterator[DamagedFile]:
 
 
 def explain_repair(folder: Path, files: Sequence[str]) -> str:
-    """Command that makes files of a study again, to be typed where the study was run."""
+    """Return a sentence with the command that makes files of a study again."""
     settings = folder / SETTINGS
     if not settings.is_file():
         return f"the command that made {', '.join(files)} makes them again."
@@ -93,7 +94,7 @@ def explain_repair(folder: Path, files: Sequence[str]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; 1 where something is missing, damaged, or has no checksums."""
+    """Run the command line; return 1 if a file is missing or damaged, or there are no checksums, else 0."""
     parser = argparse.ArgumentParser(
         prog="python -m wearscope.integrity", description="Check all that a study's jobs have written."
     )

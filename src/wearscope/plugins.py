@@ -1,7 +1,8 @@
-"""Finds an effect, a detector or a test-cycle by its name in its room, or by the path of a Python file.
+"""Finds a plug-in (effect, detector, test-cycle or robot) by its name, or by the path of a Python file.
 
-A name may also be that of a plug-in of an installed package, by the entry point ``wearscope.<room>``; nothing
-of the package is imported before somebody names it.
+A room is a kind of plug-in, and the folder of the package that holds the built-in ones, such as
+``detectors``. An installed package can offer plug-ins by the entry point ``wearscope.<room>``; it is imported
+only when one of them is used.
 """
 
 import hashlib
@@ -20,19 +21,18 @@ from wearscope import limits
 from wearscope.errors import InputError, tell_error
 from wearscope.storage.files import check_plain
 
-#: Where a module that was loaded from a file keeps the digest of the file's content.
+#: Attribute, in a module loaded from a user's file, with the SHA-256 of the file's content.
 _DIGEST = "__wearscope_digest__"
-#: Start of such a module's name.
+#: Prefix of such a module's name in `sys.modules`.
 _PREFIX = "wearscope_user_"
-#: What a package's plug-ins are made of: code, models, robots.
+#: Suffixes of the files that determine what a package's plug-ins do.
 _SOURCES = (".py", ".yaml", ".yml", ".urdf")
 
 
 def list_names(room: str, attribute: str) -> list[str]:
-    """Names of the modules of `wearscope.<room>` that define `attribute`, sorted.
+    """List the built-in plug-ins: modules of `wearscope.<room>` that define `attribute`, sorted.
 
-    A module whose name is that of the room's machinery (``base``, ``registry``) or starts with an
-    underscore holds no plug-in.
+    The room's other modules, such as ``base``, do not define it.
     """
     package = importlib.import_module(f"wearscope.{room}")
     names = sorted(
@@ -44,17 +44,17 @@ def list_names(room: str, attribute: str) -> list[str]:
 
 
 def list_installed(room: str) -> list[str]:
-    """Names that installed packages offer for a room, sorted; none of them is imported."""
+    """List the names of plug-ins that installed packages offer for a room, sorted, without importing them."""
     return sorted({point.name for point in entry_points(group=f"wearscope.{room}")})
 
 
 def find_installed(name: str, room: str) -> EntryPoint | None:
-    """Object that an installed package offers for a room under a name; None where no package does.
+    """Return the entry point of a plug-in that an installed package offers; None if no package does.
 
     Raises
     ------
     InputError
-        Where two packages offer different things under the name.
+        If packages offer different plug-ins under this name.
     """
     points = {point.value: point for point in entry_points(group=f"wearscope.{room}", name=name)}
     if len(points) > 1:
@@ -64,12 +64,14 @@ def find_installed(name: str, room: str) -> EntryPoint | None:
 
 
 def installed_file(name: str, room: str) -> Path | None:
-    """File of the module that `find_installed` names; only the packages that it lies in are imported.
+    """Return the file of an installed plug-in's module; None if no package offers it.
+
+    The packages that contain the module are imported, the module itself is not.
 
     Raises
     ------
     InputError
-        Where there is no such module, or it is no file.
+        If the module does not exist, or is not loaded from a file.
     """
     point = find_installed(name, room)
     if point is None:
@@ -84,15 +86,15 @@ def installed_file(name: str, room: str) -> Path | None:
 
 
 def identify_installed(name: str, room: str) -> str | None:
-    """Package, version and digest of an installed plug-in of a room; None where no package offers it.
+    """Return package, version and digest of an installed plug-in as text; None if no package offers it.
 
-    The digest covers the Python, YAML and URDF files of the module's package, so that changed content is seen
-    even if dates and version stay.
+    The digest covers the Python, YAML and URDF files of the module's top package. So it shows a change even
+    if dates and version stay the same.
 
     Raises
     ------
     InputError
-        As `installed_file`.
+        If the plug-in's module is not found, see `installed_file`.
     """
     point, file = find_installed(name, room), installed_file(name, room)
     if point is None or file is None:
@@ -113,6 +115,7 @@ def identify_installed(name: str, room: str) -> str | None:
 
 @cache
 def _import_installed(point: EntryPoint, room: str) -> ModuleType:
+    """Import the module of an installed plug-in."""
     try:
         return importlib.import_module(point.module)
     except (Exception, SystemExit) as error:
@@ -120,27 +123,28 @@ def _import_installed(point: EntryPoint, room: str) -> ModuleType:
 
 
 def _tell_broken(point: EntryPoint, room: str, error: BaseException) -> str:
+    """Return the message for an installed plug-in that cannot be imported."""
     owner = "" if point.dist is None else f" of package {point.dist.name}"
     told = f"importing '{point.name}'{owner} raised {tell_error(error)}"
     return f"{room}: {told}; correct the package, or remove it."
 
 
 def load_file(path: Path, attribute: str) -> ModuleType:
-    """Module of a Python file, imported once as long as its content stays.
+    """Import a Python file and return its module; it is imported again only if its content has changed.
 
-    It is known to `sys.modules` under a name of its own, the same in every process: compiled functions that
-    are kept on disk (`numba.njit(cache=True)`) look their module up by its name.
+    The module gets a name in `sys.modules` that depends on the file's path only. So it is the same in every
+    process, which functions need that Numba caches on disk: they find their module by its name.
 
     Parameters
     ----------
     path : Path
     attribute : str
-        What the file must define; for messages.
+        Name that the file must define, for messages.
 
     Raises
     ------
     InputError
-        Where there is no such file, or it cannot be imported.
+        If there is no such file, or it cannot be imported.
     """
     check_plain(path, limits.TEXT_BYTES, f"name a Python file that defines {attribute}")
     try:
@@ -159,7 +163,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         failure = error
     if isinstance(failure, ModuleNotFoundError) and str(failure.name).startswith((_PREFIX, "<dynamic>")):
-        # Compiled functions kept next to the file before it was moved here.
+        # Numba's cache next to the file names the module by the path from which the file was moved.
         for kept in place.parent.glob(f"__pycache__/{place.stem}.*.nb[ci]"):
             kept.unlink(missing_ok=True)
         try:
@@ -170,6 +174,7 @@ def load_file(path: Path, attribute: str) -> ModuleType:
 
 
 def _execute(name: str, place: Path, digest: str) -> ModuleType:
+    """Run a Python file as the module `name` and return it; if that fails, remove it from `sys.modules`."""
     spec = importlib.util.spec_from_file_location(name, place)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -189,15 +194,15 @@ def load(reference: str, room: str, attribute: str) -> Any:
     Parameters
     ----------
     reference : str
-        The name of a module of `wearscope.<room>`, or else of a plug-in of an installed package, or the path
-        of a ``.py`` file.
+        Name of a built-in plug-in, that is, of a module of `wearscope.<room>`; else name of a plug-in of an
+        installed package; or path of a ``.py`` file.
     room, attribute : str
-        E.g. ``"detectors"``, ``"DETECTOR"``.
+        Kind of plug-in, and name that its module defines, e.g. ``"detectors"`` and ``"DETECTOR"``.
 
     Raises
     ------
     InputError
-        Where there is no such module or file, it cannot be imported, or it does not define `attribute`.
+        If there is no such plug-in, it cannot be imported, or its module does not define `attribute`.
     """
     if reference.endswith(".py"):
         module = load_file(Path(reference), attribute)
@@ -217,5 +222,5 @@ def load(reference: str, room: str, attribute: str) -> Any:
 
 
 def is_built_in(name: str, room: str) -> bool:
-    """Whether a room has a module of this name."""
+    """Return whether a room has a built-in module of this name."""
     return name.isidentifier() and importlib.util.find_spec(f"wearscope.{room}.{name}") is not None

@@ -1,4 +1,4 @@
-"""Processes that end with the one they work for, and obey nothing that lies in their working directory."""
+"""Makes processes safe: none outlives the process it works for, or obeys files in its working directory."""
 
 import atexit
 import os
@@ -19,16 +19,16 @@ from typing import NoReturn
 from wearscope import limits
 from wearscope.errors import InputError
 
-#: Environment variable with the process that a job works for, see `identify_process`.
+#: Environment variable with the identity (see `identify_process`) of the process that a job works for.
 MAIN = "WEARSCOPE_MAIN"
-#: Environment variable with the job that started a Snakemake of its own, on the same machine.
+#: Environment variable with the identity of the job that has started another Snakemake on this machine.
 STARTER = "WEARSCOPE_STARTER"
-#: Python as every child process is started: the working directory, which may be a data set, holds no modules.
+#: Command that starts Python without importing from the working directory, which may be an unknown data set.
 PYTHON = (sys.executable, "-P")
 
 
 def isolate(environment: Mapping[str, str]) -> dict[str, str]:
-    """Environment of a child process that imports nothing from its working directory."""
+    """Return environment variables for a child process that imports nothing from its working directory."""
     paths = [one for one in environment.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(one)]
     kept = {name: value for name, value in environment.items() if name != "PYTHONPATH"}
     return {
@@ -39,7 +39,7 @@ def isolate(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def open_standard() -> None:
-    """Open standard streams that were closed, so that no file is taken for one of them."""
+    """Open closed standard streams; otherwise the next opened file would get the number of one of them."""
     for handle in range(3):
         try:
             os.fstat(handle)
@@ -50,7 +50,7 @@ def open_standard() -> None:
 
 
 class _Elsewhere(PathFinder):
-    """Imports modules that would read a settings file of the working directory in the root directory."""
+    """Importer that runs two modules in the root directory, since they read settings in the working one."""
 
     @classmethod
     def find_spec(
@@ -67,7 +67,7 @@ class _Elsewhere(PathFinder):
         def run_elsewhere(module: ModuleType) -> None:
             with chdir("/"):
                 run(module)
-            if fullname == "numba.core.config":  # which looks again whenever it compiles
+            if fullname == "numba.core.config":  # Numba reads its settings file again at each compilation
                 vars(module)["_config_fname"] = os.devnull
 
         vars(spec.loader)["exec_module"] = run_elsewhere
@@ -75,18 +75,20 @@ class _Elsewhere(PathFinder):
 
 
 def ignore_settings_here() -> None:
-    """Have no library obey a settings file of the working directory, which may be a data set.
+    """Make libraries ignore settings files in the working directory, which may be an unknown data set.
 
-    A ``.numba_config.yaml`` may name a cache, whose content runs; a ``matplotlibrc`` changes figures.
+    A ``.numba_config.yaml`` there could name a folder of compiled code that Numba would run; a
+    ``matplotlibrc`` could change figures.
     """
     if _Elsewhere not in sys.meta_path:
         sys.meta_path.insert(0, _Elsewhere)
 
 
 def keep_compiled() -> None:
-    """Keep compiled functions for this process and its children alone where no lasting place can be written.
+    """If Numba cannot write its cache, give it a temporary folder that is deleted when this process ends.
 
-    Numba keeps them next to their module, else in the user's cache, and refuses to start without either.
+    Numba writes its cache next to the module, or else into the user's cache folder. It raises an error if
+    neither can be written.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     there = next((one for one in (cache, *cache.parents) if os.path.exists(one)), cache)
@@ -98,14 +100,16 @@ def keep_compiled() -> None:
 
 @contextmanager
 def bound_memory(path: str | Path) -> Iterator[None]:
-    """Refuse a file that takes more memory while it is read than `wearscope.limits` says.
+    """Limit the memory for reading a file to `limits.READING_BYTES`, for a ``with`` block.
 
-    What a file says of its own size need not be so. Only Linux tells what a process holds, and Arrow's own
-    memory pool reserves a gigabyte at its first use, which would count.
+    The limit is needed because a file's stated size may be false. It works only on Linux, which reports how
+    much memory a process has. Arrow's memory pool would reserve a gigabyte at its first use and so reach the
+    limit; the block uses the system's allocator instead.
 
     Raises
     ------
     InputError
+        If the block takes more memory.
     """
     import pyarrow as pa
 
@@ -128,18 +132,20 @@ def bound_memory(path: str | Path) -> Iterator[None]:
         pa.set_memory_pool(pool)
 
 
+#: Exit codes given to `leave_with`; the last one counts.
 _ended: list[int] = []
 
 
 @atexit.register
 def _leave() -> None:
+    """End this process with the code of `leave_with`, if it was called, once its output is written."""
     if _ended:
         code = _ended[-1]
         for stream in (sys.stdout, sys.stderr):
             try:
                 stream.flush()
             except (AttributeError, BrokenPipeError, ValueError):
-                pass  # nobody listens, or none was opened
+                pass  # the reader has closed the pipe, or the stream is closed
             except OSError as error:
                 code = code or 1
                 with suppress(OSError):
@@ -148,39 +154,40 @@ def _leave() -> None:
 
 
 def leave_with(code: int) -> None:
-    """Have this process end with an exit code, without taking the interpreter down.
+    """Set the exit code of this process, and make it end without shutting down the interpreter.
 
-    Threads of the libraries may abort while the interpreter and their objects are taken down beneath them,
-    after the work was done. What is registered with `atexit` still runs.
+    During the shutdown, threads of libraries may use deleted objects and crash the process after its work is
+    done. Functions registered with `atexit` still run.
     """
     _ended.append(code)
 
 
 def end_process(code: int) -> NoReturn:
-    """End this process, see `leave_with`."""
+    """End this process with an exit code, see `leave_with`."""
     leave_with(code)
     sys.exit(code)
 
 
 def identify_process(pid: int) -> str:
-    """Process number and start time, which no later process shares; empty where the system does not tell."""
+    """Return number and start time of a process, which identify it; "" if the system does not report them."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-    # Fields are counted after the name, which may hold anything; the 22nd of all is the start time.
+    # The start time is the 22nd field. The second, the name in brackets, may contain anything, so fields are
+    # counted from the last closing bracket on.
     return f"{pid}:{stat.rpartition(')')[2].split()[19]}"
 
 
 def end_with(identity: str) -> None:
-    """Kill this process when another one is no more.
+    """Kill this process as soon as another process ends.
 
-    A main process that is killed alone cannot stop its jobs; without this they write on.
+    A main process that is killed cannot stop its jobs, which would continue to write files.
 
     Parameters
     ----------
     identity : str
-        See `identify_process`; empty for none.
+        Identity of the other process, see `identify_process`; "" for none.
     """
     if not identity or not hasattr(os, "pidfd_open"):
         return
@@ -190,7 +197,7 @@ def end_with(identity: str) -> None:
     except ProcessLookupError:
         os.kill(os.getpid(), signal.SIGKILL)
         return
-    except OSError:  # not permitted here
+    except OSError:  # the system does not permit it
         return
     if identify_process(pid) != identity:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -1,7 +1,7 @@
-"""Work in a process of its own, which is ended where it does not go on within a time limit.
+"""Runs work in a child process, which is killed if it does not progress within a time limit.
 
-What runs in one process cannot be ended from within: an own detector, test-cycle or effect may loop in
-compiled code, call ``sys.exit`` or crash the interpreter.
+A user's detector, test-cycle or effect may loop in compiled code, call ``sys.exit`` or crash the interpreter.
+The process that runs it cannot prevent this; its parent can report it.
 """
 
 import multiprocessing
@@ -17,16 +17,16 @@ from wearscope.errors import InputError
 from wearscope.processes import end_with, identify_process
 
 T = TypeVar("T")
-#: Signals by which others end a process, such as the kernel where memory is short; a crash has other ones.
+#: Signals that a user or the kernel sends to end a process, e.g. when memory is short; crashes cause others.
 _FROM_OUTSIDE = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
 
 
 class ProcessLost(Exception):
-    """A process died; the message says why, worded to follow the name of its work."""
+    """A child process has ended because of its work; the message continues a sentence about that work."""
 
 
 class ProcessKilled(InputError):
-    """A process was ended from outside, which says nothing about its work."""
+    """A child process was killed by a user or the system, so its work is not to blame."""
 
 
 def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:
@@ -35,24 +35,24 @@ def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]
     Parameters
     ----------
     work : callable
-        Makes the generator, in the child; what it yields must be picklable. It is called again, for what was
-        not yielded, where somebody else kills the child.
+        Returns the generator, whose items must be picklable. It is called in the child. If a user or the
+        system kills the child, it is called once more and must then continue after the last item received.
     limit : float
-        Longest time to each next item, and to the end [s].
+        Longest time between two items, and from the last item to the end [s].
 
     Yields
     ------
     item
-        As the generator yields it.
+        The items of the generator.
 
     Raises
     ------
     ProcessLost
-        Where the next item takes longer, or the child ends without one.
+        If the next item takes longer, or the child ends too early.
     ProcessKilled
-        Where it was killed twice.
+        If the child is killed twice.
     Exception
-        What the generator raises.
+        Any error that the generator raises.
     """
     try:
         yield from _run_once(work, limit)
@@ -61,6 +61,7 @@ def run_supervised(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]
 
 
 def _run_once(work: Callable[[], Iterator[T]], limit: float) -> Iterator[T]:
+    """Run a generator in a child process, see `run_supervised`; raise ProcessKilled at the first kill."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_serve, args=(work, sender, identify_process(os.getpid())), daemon=False)
@@ -96,14 +97,14 @@ def call_supervised(function: Callable[[], T], limit: float, what: str) -> T:
     limit : float
         Longest time [s].
     what : str
-        What messages call it.
+        Name of the work in messages.
 
     Raises
     ------
     InputError
-        Where it takes longer or ends the process.
+        If the function takes longer or ends the process.
     Exception
-        What the function raises.
+        Any error that the function raises.
     """
 
     def once() -> Iterator[T]:
@@ -116,8 +117,9 @@ def call_supervised(function: Callable[[], T], limit: float, what: str) -> T:
 
 
 def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -> None:
+    """Send the items of a generator, its error or its end to the parent; runs in the child process."""
     end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # an interrupt ends this process without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends this process without a traceback
     try:
         for item in work():
             sender.send(("item", item))
@@ -125,7 +127,7 @@ def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -
         error.add_note(traceback.format_exc())
         try:
             sender.send(("error", error))
-        except Exception:  # what is raised cannot be sent
+        except Exception:  # the error cannot be pickled
             with suppress(OSError):
                 sender.send(("error", RuntimeError(traceback.format_exc())))
     else:
@@ -133,6 +135,7 @@ def _serve(work: Callable[[], Iterator[Any]], sender: Connection, parent: str) -
 
 
 def _explain_end(code: int | None) -> ProcessLost | ProcessKilled:
+    """Return the error for a child process that ended with an exit code (negative: signal) too early."""
     if code is None or code >= 0:
         return ProcessLost(f"ended its process (exit code {code})")
     name = signal.Signals(-code).name

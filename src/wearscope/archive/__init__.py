@@ -1,1 +1,1 @@
-"""A study in one file: what it holds, how it is read without trust, and how two studies differ."""
+"""Packs a study into one file, reads such a file from an unknown source safely, and compares two studies."""

@@ -1,9 +1,9 @@
-"""A finished study in one file: packed, verified, unpacked, restored.
+"""Verifies, unpacks and restores the archive of a finished study.
 
-The file is an uncompressed tar (Parquet and PNG are compressed already). Its first member,
-``MANIFEST.json``, holds the configuration, the versions of code and packages, and size and SHA-256 of every
-file; the second, ``MANIFEST.sha256``, the manifest's own. ``config.yaml`` is the configuration. Equal content
-gives equal bytes.
+An archive is an uncompressed tar file (Parquet and PNG are compressed already). Its first member,
+``MANIFEST.json``, holds the configuration, the versions of code and packages, and the size and SHA-256 of
+every file. The second, ``MANIFEST.sha256``, holds the manifest's own SHA-256, and ``config.yaml`` the
+configuration. Equal content gives equal bytes.
 
     python -m wearscope.archive verify FILE
     python -m wearscope.archive unpack FILE FOLDER
@@ -20,7 +20,7 @@ from wearscope.processes import end_process
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line; 1 where the input is bad."""
+    """Run the command line and return the exit status: 0, or 1 if the input is bad."""
     parser = argparse.ArgumentParser(prog="python -m wearscope.archive", description="Archives of studies.")
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("verify", help="check every checksum").add_argument("file")
@@ -51,6 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _tell_restored(
     file: str, manifest: Manifest, folder: Path, refused: list[str], changed: list[str]
 ) -> None:
+    """Print what `restore_archive` returned."""
     print(f"{file}: {len(manifest.files)} files, every checksum holds, in {folder}")
     if refused:
         told = f"{folder / CONFIG}: names code, which is refused ({'; '.join(refused)})"

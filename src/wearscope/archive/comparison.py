@@ -1,4 +1,4 @@
-"""How two studies differ: settings, versions, tables, and which conclusions."""
+"""Compares two studies: settings, versions, tables and conclusions."""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
@@ -15,23 +15,26 @@ from wearscope.storage.verdicts import check_verdict
 
 
 def _tell_rank(row: Mapping[str, Any]) -> str:
+    """Describe a detector's rank with its interval; a detector without rank is only an upper bound."""
     if pd.isna(row["rank"]):
         return "upper bound"
-    # A date would format as anything.
+    # `float` refuses a date, which would accept any format specification and print it.
     ends = (float(row[one]) for one in ("rank", "rank_low", "rank_high"))
     return "rank {:g} ({:g} to {:g})".format(*ends)
 
 
-#: Who says so, by whether both do.
+#: Who supports the result of an audit, by whether surrogate and direct simulation agree.
 _AGREEING = {True: "simulation and surrogate", False: "simulation alone"}
 
 
 def _tell_audit(row: Mapping[str, Any]) -> str:
+    """Describe an audit's result: whether the detector passes in direct simulation, and who agrees."""
     passes = {True: "passes", False: "fails"}[row["passes_direct"]]
     return f"{passes} by {_AGREEING[row['agrees']]}"
 
 
-#: Table of conclusions, columns that identify one, columns that state it, and its wording.
+#: For each table of conclusions: its file, the columns that identify a conclusion, the columns with its
+#: content, and the function that words it.
 _CONCLUSIONS: tuple[tuple[str, list[str], list[str], Callable[[Mapping[str, Any]], str]], ...] = (
     ("findings.parquet", ["question", "paper"], ["verdict"], lambda row: str(row["verdict"])),
     ("ranking.parquet", ["fda"], ["rank", "rank_low", "rank_high"], _tell_rank),
@@ -45,7 +48,7 @@ _CONCLUSIONS: tuple[tuple[str, list[str], list[str], Callable[[Mapping[str, Any]
 
 
 def list_results(folder: str | Path) -> list[Path]:
-    """Files of a study's folder that are results: no hidden ones, none that packing makes."""
+    """List the files of results in a study's folder, without hidden files and those that packing makes."""
     folder = Path(folder)
     found = []
     for file in sorted(folder.rglob("*")):
@@ -65,20 +68,20 @@ def compare_contents(
     ----------
     left, right : Content
     name_detector : callable
-        What conclusions call a detector, of its code and what it uses.
+        Returns a detector's name in conclusions, given its code and its setting ``use``.
 
     Returns
     -------
     DataFrame
-        One row a setting, package, code version, conclusion or file that differs, and one a table that is the
-        same: ``item``, ``what`` (``setting``, ``version``, ``conclusion``, ``table``, ``file``), ``outcome``
-        (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``), ``detail``. Logs and
-        timings are left out.
+        A row for each setting, package, code version, conclusion or file that differs, and for each table
+        that is the same. Columns: ``item``, ``what`` (``setting``, ``version``, ``conclusion``, ``table``,
+        ``file``), ``outcome`` (``same bytes``, ``same values``, ``differs``, ``only in a``, ``only in b``)
+        and ``detail``. Logs and timings are left out.
     """
     rows = []
     for what, key in (("setting", "config"), ("version", "packages"), ("version", "code")):
         one, other = left.describe(key), right.describe(key)
-        if one and other:  # a setting that only one side records is no difference
+        if one and other:  # without a record on one side there is nothing to compare
             rows += _compare_mappings(one, other, what, "")
     rows += _compare_conclusions(left, right, name_detector)
     for name in sorted(set(left.digests) | set(right.digests)):
@@ -107,7 +110,7 @@ class Content:
     Attributes
     ----------
     digests : dict
-        SHA-256 by name.
+        SHA-256 of each file, by its path in the study.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -117,7 +120,7 @@ class Content:
             files = list_results(self.path)
             for file in files:
                 if file.suffix == ".parquet":
-                    tables.check_unpacked(file)  # before all of it is read
+                    tables.check_unpacked(file)  # before the whole file is read for its digest
             self.digests = {file.relative_to(self.path).as_posix(): digest_file(file) for file in files}
             if (self.path / MANIFEST).is_file():
                 self.manifest = parse_manifest((self.path / MANIFEST).read_bytes(), str(self.path))
@@ -126,7 +129,7 @@ class Content:
             self.digests = {name: entry.sha256 for name, entry in self.manifest.files.items()}
 
     def describe(self, key: str) -> dict[str, Any]:
-        """A section of the manifest; a folder without one records its settings only, or nothing."""
+        """Return a section of the manifest; for a folder without manifest, its settings or an empty dict."""
         if self.manifest is not None:
             return self.manifest.model_dump(mode="json")[key]
         settings = self.path / SETTINGS
@@ -141,7 +144,11 @@ class Content:
         return found
 
     def find_setting(self, section: str, code: str, key: str) -> str | None:
-        """What the settings say of a detector or factor; None where they do not."""
+        """Return a field of a detector or factor in the settings, as text; None if it is not there.
+
+        `section` is "detectors" or "factors", `code` the name there. An entry that is no mapping is returned
+        itself.
+        """
         try:
             one = self.describe("config")[section][code]
             return str(one[key] if isinstance(one, Mapping) else one)
@@ -149,19 +156,19 @@ class Content:
             return None
 
     def name_detector(self, code: str, name: Callable[[str, str], str]) -> str:
-        """A detector by what it is called; by its code where the settings have none."""
+        """Return a detector's name; its code if the settings do not describe the detector."""
         use = self.find_setting("detectors", code, "use")
         return code if use is None else name(code, use)
 
     def read(self, name: str) -> bytes:
-        """Content of a file."""
+        """Return the content of a file."""
         if not self.path.is_dir():
             return read_member(self.path, name)
         check_shown(self.path / name)
         return (self.path / name).read_bytes()
 
     def table(self, name: str) -> pd.DataFrame:
-        """A table."""
+        """Return the table in a Parquet file, once its size is checked."""
         where = f"{self.path}: {name}"
         content = self.read(name)
         tables.check_unpacked(content, where)
@@ -169,7 +176,7 @@ class Content:
 
 
 def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Iterator[tuple[str, str]]:
-    """Conclusions of a study: what each is about, and what it says."""
+    """Yield the conclusions of a study as two texts: the subject, and what is concluded."""
     for name, keys, says, tell in _CONCLUSIONS:
         if name not in content.digests:
             continue
@@ -201,6 +208,7 @@ def _conclude(content: Content, name_detector: Callable[[str, str], str]) -> Ite
 
 
 def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
+    """Yield the conclusions of a closed loop, from its verdict: for each joint, the effects it names."""
     where = f"{content.path}: {name}"
     try:
         verdict = load_json(content.read(name))
@@ -216,6 +224,7 @@ def _conclude_loop(content: Content, name: str) -> Iterator[tuple[str, str]]:
 def _compare_conclusions(
     left: Content, right: Content, name_detector: Callable[[str, str], str]
 ) -> list[dict[str, str]]:
+    """Return a row for each conclusion that differs, as in `compare_contents`."""
     a, b = (dict(_conclude(one, name_detector)) for one in (left, right))
     rows = []
     for item in [*a, *(one for one in b if one not in a)]:
@@ -227,6 +236,7 @@ def _compare_conclusions(
 
 
 def _compare_mappings(a: Mapping[str, Any], b: Mapping[str, Any], what: str, prefix: str) -> list[dict]:
+    """Return a row for each value that differs in two nested mappings, as in `compare_contents`."""
     rows: list[dict] = []
     for key in sorted(set(a) | set(b)):
         one, other = a.get(key), b.get(key)
@@ -239,17 +249,18 @@ def _compare_mappings(a: Mapping[str, Any], b: Mapping[str, Any], what: str, pre
 
 
 def compare_tables(a: pd.DataFrame, b: pd.DataFrame) -> str:
-    """Describe the difference of two tables; empty where their values are equal (NaN equals NaN).
+    """Describe how two tables differ, in words; return "" if all values are equal (NaN equals NaN).
 
     Parameters
     ----------
     a, b : DataFrame
-        Rows are compared in their order.
+        Their rows are compared in the given order.
 
     Returns
     -------
     str
-        E.g. ``y: 12 of 90 rows, largest difference 0.3 (0.1 %)``.
+        E.g. ``y: 12 of 90 rows, largest difference 0.3 (0.1 %)``. The percentage relates to the larger of
+        the two values.
     """
     if list(a.columns) != list(b.columns):
         missing = sorted(set(a.columns) ^ set(b.columns))
@@ -260,6 +271,7 @@ def compare_tables(a: pd.DataFrame, b: pd.DataFrame) -> str:
 
 
 def _compare_column(name: str, a: pd.Series, b: pd.Series) -> str:
+    """Describe how two columns differ, as in `compare_tables`."""
     numbers = all(
         pd.api.types.is_numeric_dtype(one) and not pd.api.types.is_bool_dtype(one) for one in (a, b)
     )
@@ -281,4 +293,5 @@ def _compare_column(name: str, a: pd.Series, b: pd.Series) -> str:
 
 
 def _text(value: object) -> str:
+    """Return a text that is equal for equal values; NumPy would shorten a long array's."""
     return np.array2string(value, threshold=1 << 30) if isinstance(value, np.ndarray) else repr(value)

@@ -1,8 +1,8 @@
-"""A finished study in one tar file: packed, read, unpacked, restored; the form is in `wearscope.archive`.
+"""Packs a finished study into a tar file, and verifies, unpacks and restores such files.
 
-Equal content gives equal bytes, read in small pieces. ``MANIFEST.json`` says what the file holds and was made
-with, and is believed only after it is checked. A restored configuration has no lines that would let code run,
-unless the user allows them.
+The format is described in `wearscope.archive.__main__`. Files are read in small blocks. ``MANIFEST.json``
+lists the content and the versions that made it; it is used only after it has been checked. A restored
+configuration cannot run code unless the user allows it.
 """
 
 import hashlib
@@ -41,29 +41,29 @@ from wearscope.storage.provenance import describe_provenance
 
 MANIFEST, CHECKSUM = "MANIFEST.json", "MANIFEST.sha256"
 CONFIG = "config.yaml"
-#: Format 1 is that of release 0.1.0: without the configuration and the manifest's own checksum.
+#: Format that is written. Format 1, of release 0.1.0, lacks the configuration and the manifest's checksum.
 FORMAT = 2
-#: Files that packing makes; no file of a study has these names. Only release 0.2.0 made the last of them.
+#: Files that packing adds; no file of a study may have these names. Only release 0.2.0 added the last one.
 MADE = (MANIFEST, CHECKSUM, CONFIG, "ro-crate-metadata.json")
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Part(BaseModel):
-    """A part of the manifest; a key it does not know is an error."""
+    """A part of the manifest; an unknown key in it is an error."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class FileEntry(Part):
-    """A file of the archive."""
+    """Size [bytes] and SHA-256 of a file in the archive."""
 
     sha256: Digest
     bytes: Annotated[int, Field(ge=0, le=limits.ARCHIVE_BYTES)]
 
 
 class CodeVersion(Part):
-    """With which code the study was made."""
+    """Version of the code that made the study, see `describe_provenance`."""
 
     wearscope: str
     commit: str | None
@@ -71,7 +71,7 @@ class CodeVersion(Part):
     sha256: Digest
     files: dict[str, Digest]
     date: str | None = None
-    """Of the commit."""
+    """Date of the commit."""
 
 
 class Manifest(Part):
@@ -84,7 +84,7 @@ class Manifest(Part):
     packages: dict[str, str]
     code: CodeVersion
     inputs: dict[str, Digest] = {}
-    """Digest by path of the user's own files: robots, test-cycles, detectors."""
+    """SHA-256 of the user's own robots, test-cycles and detectors, by path; the files are not packed."""
     files: dict[str, FileEntry]
 
 
@@ -95,12 +95,12 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
     ----------
     content : bytes
     where : str
-        What messages call the archive.
+        Name of the archive in messages.
 
     Raises
     ------
     InputError
-        One sentence for the first thing that is wrong.
+        If the manifest is not valid; the message names the first fault.
     """
     try:
         fields = load_json(content, object_pairs_hook=_refuse_doubles)
@@ -132,12 +132,12 @@ def parse_manifest(content: bytes, where: str) -> Manifest:
 
 
 def check_names(names: Iterable[str], where: str) -> None:
-    """Refuse names of files that do not stay in their folder, or that a file system may not hold.
+    """Refuse paths that lead out of the archive's folder, or that some file systems cannot store.
 
     Raises
     ------
     InputError
-        Naming the first.
+        If a path is refused; the message names the first one.
     """
     names = set(names)
     folders = {parent.as_posix() for name in names for parent in PurePosixPath(name).parents}
@@ -163,11 +163,12 @@ def check_names(names: Iterable[str], where: str) -> None:
 
 
 def show(name: str) -> str:
-    """Name from an archive, without what a terminal would act on, cut where it is long."""
+    """Return a name from an archive for printing: at most 80 characters, control characters escaped."""
     return ascii(name[:80])[1:-1]
 
 
 def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Build a mapping from JSON's pairs; refuse a key that is given twice."""
     fields = dict(pairs)
     if len(fields) != len(pairs):
         raise ValueError("a key is there twice")
@@ -175,7 +176,7 @@ def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 _BLOCK = 1 << 20
-#: Kinds of header that `tarfile` reads whole.
+#: Types of tar headers whose content `tarfile` reads into memory at once.
 _LARGE = (
     tarfile.GNUTYPE_LONGNAME,
     tarfile.GNUTYPE_LONGLINK,
@@ -186,7 +187,7 @@ _LARGE = (
 
 
 class _Header(tarfile.TarInfo):
-    """A header; refused where its own content is large, such as a long name that `tarfile` reads whole."""
+    """A tar header; refused if it is huge, such as an endless file name, since `tarfile` reads it at once."""
 
     def _proc_member(self, tar: tarfile.TarFile) -> Any:
         if self.type in _LARGE and self.size > limits.TAR_HEADER_BYTES:
@@ -195,13 +196,13 @@ class _Header(tarfile.TarInfo):
 
 
 def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[Any]]]]) -> None:
-    """Write an uncompressed tar.
+    """Write an uncompressed tar file; dates and owners are zero, so that equal content gives equal bytes.
 
     Parameters
     ----------
     path : str
     members : iterable of (name, size, open)
-        In this order; `open` gives the content.
+        Members in the order of the file; calling `open` returns a file object with the content.
     """
     with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as tar:
         for name, size, opened in members:
@@ -212,9 +213,10 @@ def write_tar(path: str, members: Iterable[tuple[str, int, Callable[[], IO[Any]]
 
 
 def walk_archive(path: str | Path) -> Manifest:
-    """Check an archive from its first byte to its last.
+    """Verify an archive from its first byte to its last and return its manifest.
 
-    No more is read of a file than the manifest says, nothing is decompressed, no name leads elsewhere.
+    This is safe for a file from an unknown source: no member is read beyond the size in the manifest,
+    nothing is decompressed, and a path that leads out of the archive is refused.
 
     Parameters
     ----------
@@ -223,7 +225,7 @@ def walk_archive(path: str | Path) -> Manifest:
     Raises
     ------
     InputError
-        Where the file is no archive of a study, or the first thing that is missing, unknown or altered.
+        If the file is no archive of a study, or a member is missing, unknown or changed.
     """
     path = Path(path)
     try:
@@ -251,17 +253,17 @@ def walk_archive(path: str | Path) -> Manifest:
 
 
 def describe_checksum(manifest: bytes) -> bytes:
-    """Content of ``MANIFEST.sha256``, as `sha256sum` writes it."""
+    """Return the content of ``MANIFEST.sha256`` for a manifest, in the format of `sha256sum`."""
     return f"{hashlib.sha256(manifest).hexdigest()}  {MANIFEST}\n".encode()
 
 
 def extract_archive(path: str | Path, folder: Path) -> None:
-    """Write the files of an archive that `walk_archive` found good into a folder, as new files.
+    """Write the files of a verified archive (see `walk_archive`) into a folder, dated now.
 
     Raises
     ------
     OSError
-        Where the disk refuses one.
+        If a file cannot be written.
     """
     with tarfile.open(path, "r:") as tar:
         tar.extraction_filter = getattr(tarfile, "data_filter", None)  # new in Python 3.11.4
@@ -273,12 +275,13 @@ def extract_archive(path: str | Path, folder: Path) -> None:
 
 
 def read_member(path: str | Path, name: str) -> bytes:
-    """Content of one file of an archive that `walk_archive` found good."""
+    """Return the content of one file of a verified archive (see `walk_archive`)."""
     with tarfile.open(path, "r:") as tar:
         return bytes(_open_member(tar, name).read())
 
 
 def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
+    """Read the manifest at the beginning of an archive; check it, and its checksum from format 2 on."""
     first = tar.next()
     if first is None or first.name != MANIFEST or not _is_plain(first):
         raise InputError(f"{path}: is no archive of a study; its first member is not {MANIFEST}.")
@@ -300,6 +303,7 @@ def _read_manifest(tar: tarfile.TarFile, path: Path) -> Manifest:
 
 
 def _check_content(tar: tarfile.TarFile, member: tarfile.TarInfo, entry: FileEntry, path: Path) -> None:
+    """Refuse a member that is no regular file or whose size or SHA-256 differs from the manifest's."""
     name = show(member.name)
     if not _is_plain(member):
         raise InputError(f"{path}: {name} is no plain file; get the file again.")
@@ -314,18 +318,19 @@ def _check_content(tar: tarfile.TarFile, member: tarfile.TarInfo, entry: FileEnt
 
 
 def _open_member(tar: tarfile.TarFile, member: tarfile.TarInfo | str) -> Any:
-    """Content of a plain file in an archive."""
+    """Return a file object with the content of a regular file in an archive."""
     file = tar.extractfile(member)
     assert file is not None
     return file
 
 
 def _is_plain(member: tarfile.TarInfo) -> bool:
+    """Return whether a member is a regular file; a sparse one may claim a huge size."""
     return member.isreg() and not member.issparse()
 
 
 def _check_end(path: Path, end: int) -> None:
-    """Only zeros follow the last member."""
+    """Refuse an archive in which anything but zeros follows the last member, at byte `end`."""
     with open(path, "rb") as file:
         file.seek(end)
         while block := file.read(_BLOCK):
@@ -347,19 +352,19 @@ def pack_study(
     Parameters
     ----------
     path : path-like
-        The archive to write, whole or not at all.
+        The archive to write, atomically.
     folder : path-like
-        The study's results; members are named from here.
+        The study's results; names in the archive are relative to it.
     files : iterable of path-like
         Files in `folder` to pack.
     config : mapping
         The validated configuration.
     sources : iterable of path-like
-        Source files, paths from the repository; their digests are the code's version.
+        Source files, relative to the repository; their SHA-256 identify the version of the code.
     report : callable, optional
-        Called with a line about how far it is.
+        Called with a line about the progress.
     inputs : iterable of path-like
-        The user's own files: robots, test-cycles, detectors. They are not packed, their digests are kept.
+        The user's own robots, test-cycles and detectors. Only their SHA-256 are recorded.
 
     Returns
     -------
@@ -368,7 +373,7 @@ def pack_study(
     Raises
     ------
     InputError
-        Where a file is missing, a name cannot be packed, or the disk is full.
+        If a file is missing, a name is refused (see `check_names`), or the archive cannot be written.
     """
     folder = Path(folder)
     names = sorted(Path(file).relative_to(folder).as_posix() for file in files)
@@ -408,19 +413,19 @@ def pack_study(
 def unpack_archive(
     path: str | Path, folder: str | Path, prepare: Callable[[Path], Any] = lambda _: None
 ) -> Manifest:
-    """Unpack an archive, every byte checked, into a new or empty folder, whole or not at all.
+    """Verify an archive and unpack it into a new or empty folder, completely or not at all.
 
-    What was unpacked is given to `prepare` before it appears under its name.
+    `prepare` is called with the folder of unpacked files before that gets its final name.
 
     Returns
     -------
     Manifest
-        Also written to the folder.
+        The manifest, which is unpacked too.
 
     Raises
     ------
     InputError
-        As `walk_archive`; or where the folder holds something, or the disk refuses it.
+        If the archive is refused (see `walk_archive`), the folder is not empty, or it cannot be written.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -450,7 +455,7 @@ def unpack_archive(
 def restore_archive(
     path: str | Path, root: str | Path = ".", allow_code: bool = False
 ) -> tuple[Manifest, Path, list[str], list[str]]:
-    """Put a study's results back, so that the workflow goes on from them.
+    """Unpack a study into the folder of results, so that the workflow can continue from it.
 
     Parameters
     ----------
@@ -459,7 +464,7 @@ def restore_archive(
     root : path-like
         A clone of the repository.
     allow_code : bool
-        Whether lines of its configuration that name code stay; otherwise they are marked as refused.
+        Whether the configuration keeps its settings that name code; otherwise see `refuse_code`.
 
     Returns
     -------
@@ -467,14 +472,14 @@ def restore_archive(
     folder : Path
         ``results/<study>`` in `root`, with the configuration as ``config.yaml``.
     refused : list of str
-        Lines of the configuration that name code and were refused.
+        Settings that name code and were refused.
     changed : list of str
-        Files of code and the user's own inputs that are missing in `root` or not as they were.
+        Source files and inputs of the user that are missing in `root` or differ from the packed study's.
 
     Raises
     ------
     InputError
-        As `unpack_archive`.
+        If the archive or the folder is refused (see `unpack_archive`).
     """
     root = Path(root)
     manifest = walk_archive(path)
@@ -492,22 +497,25 @@ def restore_archive(
 
 
 def _is_as(path: Path, digest: str) -> bool:
-    """Whether a file has a digest; an archive may name any file of the machine, also a pipe or a device."""
+    """Return whether a file has a given SHA-256.
+
+    An archive may name any path of this machine, so a pipe or device must not be read.
+    """
     try:
         check_plain(path, limits.TEXT_BYTES, "")
-        # Files that the kernel generates (in /proc) state no size, and reading them may not end.
+        # The kernel's files in /proc have size 0, but reading them may never end: so size 0 is not read.
         return (digest_file(path) if path.stat().st_size else hashlib.sha256().hexdigest()) == digest
     except (InputError, OSError):
         return False
 
 
 def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
-    """Give unpacked results checksums and a configuration without code, as if the workflow had made them.
+    """Add what the workflow needs to unpacked results: checksums, and a configuration without code.
 
     Returns
     -------
     list of str
-        Lines of the configuration that were refused.
+        Settings that were refused, see `refuse_code`.
     """
     stated = None
     if CONFIG in manifest.files:
@@ -516,7 +524,7 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
     kept, refused = (settings, []) if allow_code else refuse_code(settings)
     if kept != stated:
         write_text(place / CONFIG, yaml.safe_dump(kept, sort_keys=False, allow_unicode=True))
-    # Logs and timings are no job's output: later runs overwrite them.
+    # Logs and timings get no checksum, because later runs overwrite them.
     left = ("logs/", "benchmarks/")
     outputs = [name for name in manifest.files if not name.startswith(left)]
     record_checksums(place, [place / name for name in outputs], write=write_new)
@@ -524,24 +532,26 @@ def _prepare(place: Path, manifest: Manifest, allow_code: bool) -> list[str]:
 
 
 def _describe(content: bytes) -> FileEntry:
+    """Return the manifest's entry for a file's content."""
     return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
 
 
-#: Put before the path of code, so that the configuration is refused until the user has written it again.
+#: Prefix of a refused path of code. The configuration is invalid until the user has removed the prefix.
 REFUSED = "refused, read it first: "
 
 
 def refuse_code(settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A configuration whose paths of code are marked as refused, and which allows none.
+    """Return a configuration that cannot run code: paths of code are marked, and ``allow_code`` is false.
 
-    Snakemake itself would run Python in a configuration that asks for its template engine by a key with two
-    underscores; such keys are taken out.
+    Keys that begin with two underscores are removed: by such a key Snakemake can be told to expand the
+    configuration with a template engine, which runs Python.
 
     Returns
     -------
     dict
+        The configuration without code.
     list of str
-        What was refused, as ``place: value``.
+        Refused settings, as ``place: value``.
     """
     refused: list[str] = []
 

@@ -1,1 +1,1 @@
-"""Checks a robot, data set, study or file of own code: all that is wrong in one list, in seconds."""
+"""Checks a robot, data set, study or Python file of a user in seconds, and lists all problems at once."""

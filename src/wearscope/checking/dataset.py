@@ -1,4 +1,4 @@
-"""A measured data set: its fields, its recordings, and whether they can be what they say."""
+"""Checks a measured data set: its fields, its recordings, and whether their values are plausible."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -25,14 +25,19 @@ from wearscope.tracking.session_runs import check_sessions
 
 @keep_to_one_thread
 def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
-    """Check a data set without looking for what its model lacks.
+    """Check whether a data set can be diagnosed, without diagnosing it.
 
     Parameters
     ----------
     path : path-like
-        Its folder or ``dataset.yaml``.
+        The data set's folder or ``dataset.yaml``.
     allow_code : bool
-        Whether effect files that it names may run.
+        Whether effects in Python files that the data set names may be loaded.
+
+    Returns
+    -------
+    Findings
+        Problems and notes.
     """
     path = Path(path)
     folder = path.parent if path.suffix in (".yaml", ".yml") else path
@@ -69,10 +74,10 @@ def check_dataset(path: str | Path, allow_code: bool = False) -> Findings:
 
 
 def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
-    """Recordings in which no joint's position changes, a sentence each."""
+    """Return a sentence for each recording in which no joint moves."""
     resting = []
     for run in fields.runs:
-        with suppress(InputError):  # a missing file is told elsewhere, with the run
+        with suppress(InputError):  # `list_run_problems` reports missing and unreadable files
             path = find_inside(folder, run.file, "runs[].file")
             if not np.ptp(take_joints(path, read_columns(path), "q", fields.robot.joints), axis=0).any():
                 resting.append(f"{path}: is constant, no joint moves in it; record it again or leave it out.")
@@ -80,5 +85,6 @@ def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
 
 
 def _is_file(path: Path) -> bool:
+    """Return True for a readable file; raise InputError otherwise."""
     check_file(path, "correct robot.urdf in dataset.yaml")
     return True

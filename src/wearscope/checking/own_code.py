@@ -1,4 +1,4 @@
-"""A file of one's own: a detector, test-cycle or effect, tried on what the platform has."""
+"""Checks a user's Python file with a detector, test-cycle or effect by a trial on built-in robots."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,30 +14,31 @@ from wearscope.errors import Findings, InputError, tell_error
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.simulation.feasibility import check_cycle
 
-#: Names that a file may define, and their kinds.
+#: Kind of plug-in, by the name that its file defines.
 KINDS = {"DETECTOR": "detector", "CYCLE": "test-cycle", "EFFECT": "effect"}
-#: Robots that own code is tried on.
+#: Robots on which a test-cycle is tried.
 ROBOTS = ("medium", "large")
+#: Sample rate of the trial recordings [Hz].
 _RATE = 250.0
 
 
 def make_batch(model: RobotModel, cycle: str, wear: float, seed: int, temperature: float = 50.0) -> Batch:
-    """Recording of a test-cycle as the model itself predicts it, with the noise of its sensors.
+    """Make a recording of a test-cycle by inverse dynamics, without simulation.
 
-    Nothing is simulated, so this is quick: the motion is the reference, and the torque is what the model
-    needs along it.
+    The motion is the reference motion. The torque is the one that the model needs for it, plus the model's
+    sensor noise.
 
     Parameters
     ----------
     model : RobotModel
     cycle : str
-        As `wearscope.cycles.base.load_cycle` takes it.
+        Test-cycle, by name or path, see `wearscope.cycles.base.load_cycle`.
     wear : float
-        Level f of all wearing joints [-].
+        Wear level f of all wearing joints [-].
     seed : int
-        Of the noise.
+        Seed of the noise.
     temperature : float
-        [deg C]
+        Joint temperature [deg C].
     """
     reference = load_cycle(cycle).build(model, 0.05, 1.0 / _RATE)
     torque = required_torque(reference, model, temperature, wear, 1.0)
@@ -46,7 +47,10 @@ def make_batch(model: RobotModel, cycle: str, wear: float, seed: int, temperatur
 
 
 def check_detector(path: str) -> Findings:
-    """Make a detector, fit it, and ask it of worn and unworn recordings of the medium robot."""
+    """Check that a detector gives finite test quantities, and report whether they rise with wear.
+
+    It is fitted and tried on recordings of the medium robot, with f = 0 and f = 50.
+    """
     found = Findings(f"detector {path}")
     detector = found.attempt(lambda: load_detector(path))
     if detector is None:
@@ -77,9 +81,9 @@ def check_detector(path: str) -> Findings:
 
 
 def check_cycle_file(path: str, robots: Sequence[str] = ()) -> Findings:
-    """Plan a test-cycle within the limits of given robots, or of the platform's own.
+    """Check that a test-cycle keeps to the limits of the given robots, by default of built-in ones.
 
-    A test-cycle for one's own robot need not suit the platform's robots: exceeding their limits then gives
+    A test-cycle for a user's robot need not suit built-in robots, so exceeding the limits of these gives
     only a note.
     """
     found = Findings(f"test-cycle {path}")
@@ -104,7 +108,7 @@ def check_cycle_file(path: str, robots: Sequence[str] = ()) -> Findings:
 
 
 def check_effect_file(path: str) -> Findings:
-    """Load an effect, which checks its form, and evaluate it along a motion of the medium robot."""
+    """Load an effect, which checks its definition, and evaluate its regressors along a motion of a robot."""
     found = Findings(f"effect {path}")
     effect = found.attempt(lambda: load_effect(path))
     if effect is None or effect.row is None:
@@ -124,18 +128,18 @@ def check_effect_file(path: str) -> Findings:
 
 
 def check_file(path: str | Path, robots: Sequence[str] = ()) -> Findings:
-    """Check a Python file by what it defines; its code runs.
+    """Import a Python file and check the detector, test-cycle or effect that it defines.
 
     Parameters
     ----------
     path : path-like
     robots : sequence of str
-        Robots that a test-cycle is for.
+        Robots that a test-cycle is meant for.
 
     Raises
     ------
     InputError
-        Where it cannot be imported, or defines none of `KINDS`.
+        If the file cannot be imported, or defines none of `KINDS`.
     """
     module = plugins.load_file(Path(path), " or ".join(KINDS))
     checks = {

@@ -1,4 +1,4 @@
-"""A robot: its model file, its URDF, its effects, and whether it can do the platform's test-cycles."""
+"""Checks a robot: its model file, URDF and effects, and whether it can perform the built-in test-cycles."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,20 +11,21 @@ from wearscope.robots.model_file import Allowed, find_model, read_model_file
 from wearscope.simulation.feasibility import Ranges, check_cycle, check_robot, check_screening, screen_factors
 from wearscope.simulation.study import Conditions, simulate_points
 
-#: Factors for the check of a robot without a study: kind and range.
+#: Factors for checking a robot without a study: kind, and range [-, deg C, ms, %] as in the paper.
 USUAL: dict[str, tuple[str, float, float]] = {
     "f": ("wear", 0.0, 50.0),
     "w3": ("temperature", 30.0, 70.0),
     "w4": ("dwell", 25.0, 75.0),
     "w5": ("payload_mass_error", -10.0, 10.0),
 }
+#: Integration step [s].
 STEP = 0.001
 #: Test-cycle that the check simulates.
 TRIED = "point_to_point"
 
 
 def check_model(reference: str | Path, found: Findings, allow_code: Allowed = False) -> RobotModel | None:
-    """Model of a robot; None where the model cannot be used, with all reasons among the problems."""
+    """Load a robot's model and add its problems to `found`; return None if the model cannot be used."""
     path = found.attempt(lambda: find_model(reference))
     fields = found.attempt(lambda: read_model_file(path)) if path is not None else None
     if path is None or fields is None:
@@ -52,19 +53,24 @@ def check_model(reference: str | Path, found: Findings, allow_code: Allowed = Fa
 def find_idle_factors(
     model: RobotModel, ranges: Ranges, cycles: Mapping[str, Cycle] | None = None
 ) -> dict[str, str]:
-    """Factors that move no torque of the robot along test-cycles, with a sentence on each.
+    """Find the factors whose range does not change any joint torque of the robot along test-cycles.
 
     Parameters
     ----------
     model : RobotModel
     ranges : mapping of str to (kind, low, high)
     cycles : mapping of str to Cycle, optional
-        The platform's point-to-point moves where left out.
+        Test-cycles; the built-in point-to-point moves by default.
+
+    Returns
+    -------
+    dict of str to str
+        A sentence for each such factor, by the factor's name.
 
     Raises
     ------
     InputError
-        Where a test-cycle cannot be planned.
+        If a test-cycle cannot be planned.
     """
     table = screen_factors(model, cycles or {TRIED: load_cycle(TRIED)}, ranges, STEP)
     idle: dict[str, str] = {}
@@ -85,7 +91,22 @@ def check_factors(
     may_drop: Sequence[str] = (),
     dropped: str = "it will be dropped",
 ) -> None:
-    """Add the factors that a robot does not cover, or that move nothing; some of these may be dropped."""
+    """Add a problem for each factor that a robot's model does not cover, or that changes no torque.
+
+    Parameters
+    ----------
+    model : RobotModel
+    ranges : mapping of str to (kind, low, high)
+    found : Findings
+    sample_rate : float, optional
+        Sample rate of recordings [Hz].
+    cycles : mapping of str to Cycle, optional
+        Test-cycles; the built-in point-to-point moves by default.
+    may_drop : sequence of str
+        Factors that get a note instead of a problem if they change no torque.
+    dropped : str
+        End of that note: the consequence.
+    """
     known = len(found.problems)
     wear = {name: one for name, one in ranges.items() if one[0] == "wear"}
     parts: list[Mapping] = [wear, *({name: one} for name, one in ranges.items() if one[0] != "wear")]
@@ -104,7 +125,7 @@ def check_factors(
 
 
 def simulate_extremes(model: RobotModel, ranges: Ranges, found: Findings) -> None:
-    """Add failures of simulations: of the new robot, and of the worn one at each end of the other factors."""
+    """Simulate a robot unworn, and worn at both ends of the other factors; add a problem for each failure."""
     of_kind = {kind: (low, high) for kind, low, high in ranges.values()}
     wear = (of_kind.get("wear", (0.0, 0.0))[1],) * min(len(model.wear_joints), 3)
     cold, warm = of_kind.get("temperature", (50.0, 50.0))
@@ -125,13 +146,13 @@ def simulate_extremes(model: RobotModel, ranges: Ranges, found: Findings) -> Non
 
 
 def check_robot_folder(reference: str | Path, allow_code: Allowed = False) -> Findings:
-    """Check a robot by itself, with the usual factors and the platform's test-cycles."""
+    """Check a robot without a study, with the factors of `USUAL` and the built-in test-cycles."""
     found = Findings(f"robot {reference}")
     model = check_model(reference, found, allow_code)
     if model is None:
         return found
     ranges = {name: one for name, one in USUAL.items() if one[0] != "payload_mass_error" or model.payload}
-    # No study is asked yet, so wear alone must move the torque.
+    # A study may leave out any factor but wear, so only wear must change the torque.
     may_drop = [name for name, one in ranges.items() if one[0] != "wear"]
     check_factors(model, ranges, found, may_drop=may_drop, dropped="a study of it cannot ask for it")
     for name in list_cycles():

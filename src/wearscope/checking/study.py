@@ -1,4 +1,4 @@
-"""A study: its settings, robots, test-cycles and detectors, and whether they go together."""
+"""Checks a study: its settings, robots, test-cycles and detectors, and whether they suit each other."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir
@@ -21,15 +21,15 @@ from wearscope.robots.model import RobotModel, load_model
 from wearscope.robots.model_file import Allowed
 from wearscope.simulation.feasibility import check_cycle
 
-#: Orders of magnitude: time of a Monte Carlo run of a surrogate [s]; bytes for each sample and axis of a
-#: recording; bytes for each value of a table; length of a test-cycle [s].
+#: Orders of magnitude: time to evaluate a surrogate in one Monte Carlo run [s]; memory of a sample of one
+#: axis [bytes] and of a value in a table [bytes]; duration of a test-cycle [s].
 RUN_SECONDS, SAMPLE_BYTES, VALUE_BYTES, CYCLE_SECONDS = 1e-7, 24, 8, 20.0
-#: Step for which `simulation.point_seconds` is stated [s].
+#: Integration step [s] that the setting `simulation.point_seconds` relates to.
 USUAL_STEP = 0.001
 
 
 def list_excesses(study: StudyConfig) -> Iterator[str]:
-    """Settings that would take over a year of one core or a terabyte, a sentence with the figure each."""
+    """Yield a sentence for each setting that would take over a year of one core or a terabyte of space."""
     pairs = len(study.robots) * len(study.cycles)
     cells = pairs * len(study.axes) * len(study.detectors)
     points = sum(
@@ -70,11 +70,11 @@ def check_study(config: Mapping[str, Any], what: str, folder: str | Path = ".") 
     Parameters
     ----------
     config : mapping
-        As read from YAML.
+        Configuration as read from YAML.
     what : str
-        What messages call it.
+        Name of the study in messages.
     folder : path-like
-        Where its paths start.
+        Folder that the configuration's relative paths start from.
     """
     found = Findings(what)
     found.add(*list_breaches(config))
@@ -85,10 +85,13 @@ def check_study(config: Mapping[str, Any], what: str, folder: str | Path = ".") 
 
 
 def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Findings) -> None:
-    """Check robots, test-cycles and detectors, of a configuration that is wrong elsewhere as well."""
+    """Check robots, test-cycles and detectors.
+
+    `study` is None if other settings are wrong; then each part is checked only by itself.
+    """
     allow: Allowed = study.allow_code if study else False
     robots = []
-    for name in _texts(config.get("robots")):
+    for name in _take_texts(config.get("robots")):
         model = check_model(name, found, allow)
         carried = study.carry_over.get(label(name)) if study is not None else None
         if model is not None and study is not None and carried is not None:
@@ -97,13 +100,13 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
         if model is not None:
             robots.append(model)
     cycles: dict[str, Cycle] = {}
-    for name in _texts(config.get("cycles")):
+    for name in _take_texts(config.get("cycles")):
         cycle = found.attempt(lambda name=name: load_cycle(name))  # type: ignore[misc]
         if cycle is not None:
             cycles[name] = cycle
     detectors = config.get("detectors")
     for name, one in detectors.items() if isinstance(detectors, Mapping) else ():
-        use, options = (one, {}) if isinstance(one, str) else _use_of(one)
+        use, options = (one, {}) if isinstance(one, str) else _read_detector(one)
         if use is not None:
             _try_detector(str(name), use, options, found)
     if study is None:
@@ -132,7 +135,7 @@ def _check_parts(config: Mapping[str, Any], study: StudyConfig | None, found: Fi
 
 
 def _make_design(study: StudyConfig) -> None:
-    """Refuse a design that cannot be made, or that cannot estimate what the study needs."""
+    """Refuse a design that cannot be made, or has too few points for the study's surrogates."""
     factors = [Factor(**one) for one in study.factor_table()]
     design = make_design(study.design.kind, factors, study.design.options(), study.seed)
     check_design(design, factors, study.surrogates.models, study.axes)
@@ -141,16 +144,18 @@ def _make_design(study: StudyConfig) -> None:
 def _complete(
     model: RobotModel, carried: CarryOverSettings, allow: Allowed, worn: Sequence[int]
 ) -> RobotModel:
-    """The robot as it is simulated, with what it borrows."""
+    """Return the robot as it is simulated: with the effects that it takes over from another model."""
     source = load_model(carried.source, allow_code=allow)
     return carry_over(model, source, carried.effects, carried.reference, worn)
 
 
-def _texts(value: Any) -> list[str]:
+def _take_texts(value: Any) -> list[str]:
+    """Return the texts of a list in an unchecked configuration; other entries are reported elsewhere."""
     return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
 
 
-def _use_of(one: Any) -> tuple[str | None, dict[str, Any]]:
+def _read_detector(one: Any) -> tuple[str | None, dict[str, Any]]:
+    """Return ``use`` and ``options`` of a detector in an unchecked configuration; ``use`` may be None."""
     if not isinstance(one, Mapping) or not isinstance(one.get("use"), str):
         return None, {}
     options = one.get("options")
@@ -158,6 +163,7 @@ def _use_of(one: Any) -> tuple[str | None, dict[str, Any]]:
 
 
 def _try_detector(name: str, use: str, options: dict[str, Any], found: Findings) -> None:
+    """Load a detector; add a problem if that fails."""
     try:
         load_detector(use, options)
     except InputError as error:

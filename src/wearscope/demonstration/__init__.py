@@ -1,1 +1,1 @@
-"""The demonstration: a twin that holds an effect which its data set does not declare."""
+"""The demonstration: a simulated robot with an effect that its data set does not declare, for diagnosis."""

@@ -1,6 +1,7 @@
-"""The demonstration's robot and exact motions of it, four times differentiable.
+"""Defines a robot for the demonstration and motions whose position, speed and acceleration are exact.
 
-Shares no code with `wearscope.robots`: position, speed and acceleration are closed forms of time.
+All three are closed-form functions of time; the position is four times differentiable. The module shares no
+code with `wearscope.robots`.
 """
 
 from dataclasses import dataclass, field
@@ -11,30 +12,32 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Machine:
-    """A robot as the generator knows it; lists run over the joints, base to tip.
+    """A robot of the demonstration; each tuple over joints is ordered from base to tip.
 
     Attributes
     ----------
     name : str
     urdf : str
-        The URDF text that goes into the data set's folder.
+        Text of the URDF, which is written into the data set's folder.
     joints : tuple of str
     prismatic : tuple of bool
-        True where a joint's positions are in m and its torques in N.
+        True for a prismatic joint, whose position is in m and whose torque is a force in N.
     rotor_inertia : tuple of float
-        Reflected to the joint [kg m^2 or kg].
+        Rotor inertia reflected to the joint [kg m^2, or kg].
     gear_ratio : tuple of float
-        Motor turns (prismatic: motor radians) by joint unit.
+        Motor angle per joint position [rad/rad, or rad/m].
     coulomb, viscous : tuple of float
-        Declared friction, joint side [N m, N m s/rad or N, N s/m].
+        Friction at the joint [N m and N m s/rad, or N and N s/m].
     centre, reach : tuple of float
-        Middle of the working range and half its width [rad or m].
+        Middle of the working range and half its width [rad, or m].
     speed, acceleration : tuple of float
-        Limits of the excitation motion.
+        Limits for the motions [rad/s and rad/s^2, or m/s and m/s^2].
     payload_mass : float
-        Declared payload [kg]; 0 where the machine carries none.
+        Declared payload [kg]; 0 without payload.
     payload_com : tuple of float
-        Its centre of mass in the last link's frame [m].
+        Centre of mass of the payload in the last link's frame [m].
+    gravity : tuple of float
+        Gravity in the base frame [m/s^2].
     """
 
     name: str
@@ -54,22 +57,23 @@ class Machine:
     gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -9.81))
 
     def torque_unit(self, joint: int) -> str:
-        """Unit of a joint's torque."""
+        """Return the unit of a joint's torque."""
         return "N" if self.prismatic[joint] else "N m"
 
     def position_unit(self, joint: int) -> str:
-        """Unit of a joint's position."""
+        """Return the unit of a joint's position."""
         return "m" if self.prismatic[joint] else "rad"
 
 
 Array = NDArray[np.float64]
 
+#: Shortest time of acceleration [s]; drives limit the jerk in the same way.
 SHORTEST_RAMP = 0.25
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion on a uniform fine grid: `t` (N,), `q`, `v`, `a` (N, n)."""
+    """A motion on a uniform time grid: `t` (N,); position `q`, speed `v`, acceleration `a` (N, n)."""
 
     t: Array
     q: Array
@@ -78,7 +82,7 @@ class Motion:
 
 
 def _step(x: Array) -> tuple[Array, Array, Array, Array]:
-    """Degree-7 smooth step on [0, 1]: its integral, value, first and second derivative (clamped outside)."""
+    """Return integral, value, first and second derivative of a degree-7 smooth step from 0 at 0 to 1 at 1."""
     inside = np.clip(x, 0.0, 1.0)
     integral = inside**5 * (7 - 14 * inside + 10 * inside**2 - 2.5 * inside**3) + np.maximum(x - 1.0, 0.0)
     value = inside**4 * (35 - 84 * inside + 70 * inside**2 - 20 * inside**3)
@@ -90,7 +94,10 @@ def _step(x: Array) -> tuple[Array, Array, Array, Array]:
 def add_move(
     q: Array, v: Array, a: Array, t: Array, start: float, time: float, ramp: float, by: float
 ) -> None:
-    """Add a displacement `by` from `start` over `time`: ramp up, constant speed, ramp down (in place)."""
+    """Add to `q`, `v`, `a` (in place) a move by `by` that begins at `start` and takes `time` [s].
+
+    The share `ramp` of the time is acceleration, as much is deceleration; the speed is constant in between.
+    """
     ramp_time = ramp * time
     peak = by / (time - ramp_time)
     first, last = np.searchsorted(t, (start, start + time))
@@ -104,9 +111,9 @@ def add_move(
 
 
 def move_time(by: float, speed: float, acceleration: float, ramp: float) -> float:
-    """Shortest time of a move within the limits; a ramp takes 0.25 s or more, as drives limit the jerk."""
+    """Return the shortest time [s] of `add_move` within limits of speed, acceleration and `SHORTEST_RAMP`."""
     by = abs(by)
-    steep = 140 / 64
+    steep = 140 / 64  # largest slope of the smooth step
     return max(
         by / (speed * (1 - ramp)),
         float(np.sqrt(by * steep / (acceleration * ramp * (1 - ramp)))),
@@ -115,7 +122,7 @@ def move_time(by: float, speed: float, acceleration: float, ramp: float) -> floa
 
 
 def excite_fourier(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
-    """Band-limited periodic excitation, faded in and out from rest, within the machine's limits."""
+    """Excite all joints by sums of ten sines each, which begin and end at rest and use the full limits."""
     n, span = len(machine.joints), t[-1]
     fade = 1.5
     _, up, up1, up2 = _step((t - 0.4) / fade)
@@ -142,7 +149,7 @@ def excite_fourier(machine: Machine, rng: np.random.Generator, t: Array) -> Moti
 
 
 def sweep_joints(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
-    """Every joint by itself: moves there and back at constant speeds, slow to fast, with dwells."""
+    """Move each joint by itself to random positions, at constant speeds from slow to fast, with dwells."""
     n = len(machine.joints)
     q, v, a = (np.zeros((len(t), n)) for _ in range(3))
     shares = (0.03, 0.08, 0.2, 0.45, 1.0)
@@ -165,7 +172,7 @@ def sweep_joints(machine: Machine, rng: np.random.Generator, t: Array) -> Motion
 
 
 def move_between_points(machine: Machine, rng: np.random.Generator, t: Array) -> Motion:
-    """Synchronised point-to-point moves through drawn poses, some slow, some with a dwell after them."""
+    """Move all joints together through random poses; some moves are slow, some are followed by a dwell."""
     n = len(machine.joints)
     q, v, a = (np.zeros((len(t), n)) for _ in range(3))
     reach = np.asarray(machine.reach)
@@ -192,7 +199,7 @@ KINDS = {"fourier": excite_fourier, "sweep": sweep_joints, "points": move_betwee
 
 
 def make_motion(machine: Machine, kind: str, seed: int, duration: float, rate: float) -> Motion:
-    """Motion of a kind, the same for the same seed.
+    """Make a random motion of a given kind.
 
     Parameters
     ----------
@@ -200,9 +207,9 @@ def make_motion(machine: Machine, kind: str, seed: int, duration: float, rate: f
     kind : str
         One of `KINDS`.
     seed : int
-        Entropy of the motion alone, so that two runs may repeat one trajectory.
+        Seed of the motion; equal seeds give equal motions, so two runs can repeat one.
     duration, rate : float
-        Length [s] and grid [Hz].
+        Duration [s] and rate of the time grid [Hz].
     """
     t = np.arange(round(duration * rate)) / rate
     return KINDS[kind](machine, np.random.default_rng(np.random.SeedSequence(seed)), t)

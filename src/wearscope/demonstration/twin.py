@@ -1,9 +1,9 @@
-"""A twin of the study's medium robot (Manutec r3), run forward under its own controller and recorded.
+"""Simulates a twin of the study's medium robot (Manutec r3) under position control and records it.
 
-It is written apart from `wearscope.effects` and `wearscope.simulation`: Pinocchio's forward dynamics with
-motor armature, an implicit Euler step of 0.25 ms by Newton's method, an algebraic Coulomb law and a viscous
-law that falls exponentially with temperature. One effect more acts on axis 2, which the data set does not
-declare.
+The twin shares no code with `wearscope.effects` and `wearscope.simulation`. It uses Pinocchio's forward
+dynamics with motor armature and implicit Euler steps of 0.25 ms, solved by Newton's method. Coulomb friction
+is a smooth function of speed; viscous friction decreases exponentially with temperature. Axis 2 has one more
+effect, which the data set does not declare.
 """
 
 import json
@@ -22,10 +22,12 @@ from wearscope.storage.tables import write_table, write_text
 
 Array = NDArray[np.float64]
 
+#: Integration step [s].
 STEP = 0.25e-3
+#: Sample rate of recordings [Hz].
 RATE = 250.0
 SECRETS = ("gravity_counterbalance", "load_dependent_friction")
-"""What the twin may have undeclared; an even seed has the first, an odd one the second."""
+"""Undeclared effects: a twin with an even seed has the first, one with an odd seed the second."""
 
 PLANS: tuple[tuple[str, str, int, float], ...] = (
     ("train", "fourier", 0, 32.0),
@@ -35,11 +37,12 @@ PLANS: tuple[tuple[str, str, int, float], ...] = (
     ("test", "points", 3, 53.0),
     ("test", "sweep", 4, 37.0),
 )
-"""Of each run: use, kind of motion, trajectory (equal numbers repeat), temperature at its start [deg C]."""
+"""For each run: use, kind of motion, trajectory (equal numbers: equal motions), start temperature [deg C]."""
 
-# Published in the model's own axes (x, y up, z); a vector (x, y, z) there is (x, -z, y) with z up.
+# The published values are in axes with y up; (x, y, z) there is (x, -z, y) in the URDF's axes with z up.
 _LINKS = (
-    # name, mass, centre of mass, (Ixx, Iyy, Izz, Ixy) about it, vector from the joint before
+    # name, mass [kg], centre of mass [m], (Ixx, Iyy, Izz, Ixy) about it [kg m^2], vector from the joint
+    # before [m], axis of the joint
     ("b1", 30.0, (0.0, 0.0, 0.0), (1.16, 1.16, 1.16, 0.0), (0.0, 0.351, 0.0), "y"),
     ("b2", 56.5, (0.172, 0.205, 0.0), (2.58, 0.64, 2.73, -0.46), (0.0, 0.324, 0.3), "x"),
     ("b3", 26.4, (0.064, -0.034, 0.0), (0.279, 0.245, 0.413, -0.07), (0.0, 0.65, 0.0), "x"),
@@ -51,11 +54,12 @@ _AXES = {"x": "1 0 0", "y": "0 0 1"}
 
 
 def _turn(x: tuple[float, float, float]) -> str:
+    """Write a vector for the URDF, turned from axes with y up to axes with z up."""
     return f"{x[0]:g} {-x[2]:g} {x[1]:g}"
 
 
 def write_urdf() -> str:
-    """URDF text of the Manutec r3, z up, joints ``axis_1`` to ``axis_6``."""
+    """Return the text of the Manutec r3's URDF: z up, joints ``axis_1`` to ``axis_6``."""
     out = '<?xml version="1.0"?>\n<robot name="twin">\n  <link name="b0"/>\n'
     parent = "b0"
     for number, (name, mass, com, (ixx, iyy, izz, ixy), offset, axis) in enumerate(_LINKS, start=1):
@@ -90,9 +94,10 @@ TWIN = Machine(
 
 
 def _gas_spring(q: float) -> tuple[float, float]:
-    """Torque of a gas-spring balancer on axis 2 [N m], and the spring's force [N].
+    """Return the torque [N m] of a gas spring that balances axis 2, and the spring's force [N].
 
-    Two pins at 0.62 m and 0.17 m of the axis; 1.3 kN relaxed, polytropic exponent 1.2.
+    Its pins are 0.62 m and 0.17 m from the axis. The relaxed spring has 1.3 kN; the polytropic exponent of
+    the gas is 1.2.
     """
     span, arm = 0.62, 0.17
     angle = q + 1.2
@@ -102,7 +107,7 @@ def _gas_spring(q: float) -> tuple[float, float]:
 
 
 def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
-    """Coulomb level, and viscous slope at the joints' temperatures."""
+    """Return Coulomb levels [N m] and viscous slopes [N m s/rad] at the joints' temperatures [deg C]."""
     coulomb = np.asarray(machine.coulomb)
     warm = 0.7 + 0.3 * np.exp(-(temperature - 40.0) / 30.0)
     return coulomb, np.asarray(machine.viscous) * warm
@@ -110,7 +115,7 @@ def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def _rub(guess: Array, level: Array, viscous: Array, width: Array, rub: Array, slope: Array) -> None:
-    """Friction (n,) at speeds `guess` (n,) and its slope there."""
+    """Write the friction torque at speeds `guess` into `rub` and its derivative into `slope` (all (n,))."""
     for j in range(len(guess)):
         reach = math.sqrt(guess[j] ** 2 + width[j] ** 2)
         slope[j] = level[j] * width[j] ** 2 / math.pow(reach, 3.0) + viscous[j]
@@ -119,7 +124,11 @@ def _rub(guess: Array, level: Array, viscous: Array, width: Array, rub: Array, s
 
 @njit(cache=True)
 def _settle(after: Array, guess: Array, width: Array, rub: Array, slope: Array) -> tuple[bool, Array, Array]:
-    """Whether speeds (n,) have settled; the next guess (n,), and the friction (n,) at these speeds."""
+    """Finish a Newton iteration, in which the speeds `guess` gave the speeds `after` (both (n,)).
+
+    Returns whether the speeds have converged, the next guess (n,), and the friction (n,) linearised at
+    `after`.
+    """
     settled, there, then = True, np.empty(len(guess)), np.empty(len(guess))
     for j in range(len(guess)):
         there[j] = rub[j] + slope[j] * (after[j] - guess[j])
@@ -131,11 +140,11 @@ def _settle(after: Array, guess: Array, width: Array, rub: Array, slope: Array) 
 def _step(
     model: pin.Model, data: pin.Data, rotor: Array, q: Array, v: Array, drive: Array, law: tuple[Array, ...]
 ) -> tuple[Array, Array]:
-    """Speed at the end of a step with friction taken there, and that friction, by Newton's method.
+    """Return the speeds v+ (n,) after an implicit step, and the friction torque (n,) at these speeds.
 
-    (M + J)(v+ - v)/dt + h + friction(v+) = drive, each iteration one forward dynamics with the friction's
-    slope as added armature. An iterate that would jump across zero speed stops there first, since the
-    friction law turns steep at zero.
+    Newton's method solves (M + J)(v+ - v)/dt + h + friction(v+) = drive. In each iteration the friction is
+    linear, so that its slope acts like armature in the forward dynamics. An iterate whose sign changes is
+    set to zero, because the friction law is steep there.
     """
     level, viscous, width = law
     guess, rub, slope = v, np.empty_like(v), np.empty_like(v)
@@ -153,24 +162,25 @@ def _step(
 def simulate_run(
     machine: Machine, motion: Motion, start: float, secret: str, gain: float
 ) -> dict[str, Array]:
-    """Run the twin forward along a reference, and record it at 250 Hz without sensor error.
+    """Simulate the twin along a reference motion and record it at 250 Hz, without sensor errors.
 
     Parameters
     ----------
     machine : Machine
     motion : Motion
-        Reference on the grid of `STEP`.
+        Reference motion on a grid of `STEP`.
     start : float
         Temperature of the joints at the start [deg C].
     secret : str
-        One of `SECRETS`.
+        Undeclared effect, one of `SECRETS`.
     gain : float
-        Factor on the secret's nominal strength (0 switches it off).
+        Factor on the nominal strength of that effect (0 switches it off).
 
     Returns
     -------
     dict
-        `t` (N,), `q`, `v`, `tau`, `secret`, `temperature` (N, n).
+        `t` (N,) [s]; `q` [rad], `v` [rad/s], motor torque `tau` [N m], torque of the undeclared effect
+        `secret` [N m] and `temperature` [deg C], each (N, n).
     """
     model = pin.buildModelFromXML(machine.urdf)
     last = model.njoints - 1
@@ -180,7 +190,7 @@ def simulate_run(
     rotor = np.asarray(machine.rotor_inertia)
     every = round(1.0 / (RATE * STEP))
     count, n = motion.q.shape
-    # feed-forward of the controller: the rigid body and rotor; feedback with 6 Hz, critically damped
+    # The controller has feed-forward of rigid body and rotor, and critically damped feedback of 6 Hz.
     ahead = np.array([pin.rnea(model, data, *x) for x in zip(motion.q, motion.v, motion.a, strict=True)])
     ahead += rotor * motion.a
     bandwidth = 2 * np.pi * 6.0
@@ -196,7 +206,8 @@ def simulate_run(
         if i % every == 0:
             temperature = start + 5.0 * (1 - np.exp(-motion.t[i] / 25.0)) * np.linspace(1.0, 0.6, n)
             coulomb, viscous = _friction(machine, temperature)
-        # the torque held over a step belongs to its middle: the record takes the mean of its two neighbours
+        # A torque is constant over a step. At the time of a sample one step ends and the next begins, so the
+        # recording has the mean of both torques.
         before = command
         command = ahead[i] + stiff * (motion.q[i] - q) + damp * (motion.v[i] - v)
         level = coulomb.copy()
@@ -218,30 +229,31 @@ def simulate_run(
 
 
 def quantise(q: Array, resolution: Array, rng: np.random.Generator) -> Array:
-    """Encoder reading (N, n): half a count of noise, then rounding to `resolution` (n,)."""
+    """Return encoder readings (N, n): noise of half a count is added, then `resolution` (n,) rounds."""
     return np.round((q + rng.normal(size=q.shape) * 0.5 * resolution) / resolution) * resolution
 
 
 def record_twin(
     folder: str | Path, seed: int, duration: float = 14.0, truth_path: str | Path | None = None
 ) -> dict[str, Any]:
-    """Record the twin on six runs at several temperatures and write the measured-data folder.
+    """Record six runs of the twin at several temperatures and write them as a data set.
 
     Parameters
     ----------
     folder : path-like
+        Folder of the data set.
     seed : int
-        Of the motions, the sensor noise and the undeclared effect, which is one of `SECRETS` on axis 2.
+        Seed of the motions and the sensor noise; it also selects the undeclared effect of axis 2.
     duration : float
-        Length of a run [s].
+        Duration of each run [s].
     truth_path : path-like, optional
-        Where the truth is written, outside of `folder`.
+        File for the truth, outside of `folder`.
 
     Returns
     -------
     dict
-        The truth: `dataset`, `robot`, `seed`, `joints`, `noise_rms` by joint, and the `planted` effects, each
-        with its `size` over the noise.
+        The truth: `dataset`, `robot`, `seed`, `joints`, `noise_rms` of the torque by joint [N m], and the
+        `planted` effects. The `size` of a planted effect is its RMS torque divided by the noise [-].
     """
     secret = SECRETS[seed % 2]
     folder = Path(folder)

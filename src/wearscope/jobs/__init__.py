@@ -1,1 +1,1 @@
-"""How a study is cut into jobs, and which sources and files each of them depends on."""
+"""Divides a study into jobs and lists the source files and data files that each job depends on."""

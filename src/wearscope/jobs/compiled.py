@@ -1,9 +1,9 @@
-"""What studies run, compiled ahead: ``python -m wearscope.jobs.compiled``, the last step of the set-up.
+"""Compiles ahead what studies run: ``python -m wearscope.jobs.compiled``, the last step of the set-up.
 
-Numba compiles a function when it is first called and keeps what it made next to the source, until that
-changes. Here every function that a study compiles is called once on small inputs, so that no study waits for
-compilation. Python keeps the byte-code of what is imported in the same way, so that all that a study imports
-is imported.
+Numba compiles a function at its first call and caches the machine code next to the source file, until that
+file changes. This module calls every such function once on small inputs, so that no study waits for
+compilation. It also imports every module that a study imports, because Python caches byte-code in the same
+way.
 """
 
 import pkgutil
@@ -24,19 +24,20 @@ from wearscope.plugins import list_names
 from wearscope.robots.model import load_model
 from wearscope.simulation.study import Conditions, simulate_point
 
-#: Robot, test-cycle and integration step [s] of the trial; any others would do as well.
+#: Robot, test-cycle and integration step [s] of the trial calls. Their choice does not matter: Numba compiles
+#: the same code for any.
 ROBOT, CYCLE, STEP = "medium", "point_to_point", 0.004
 
 
 def import_all() -> None:
-    """Import what studies and verdicts import, but exports, whose packages may be missing."""
+    """Import all modules of the package except the exports, whose packages may not be installed."""
     for found in pkgutil.walk_packages(wearscope.__path__, "wearscope."):
         if not found.name.startswith("wearscope.export.") and not found.name.endswith("__main__"):
             import_module(found.name)
 
 
 def compile_ahead() -> None:
-    """Compile simulators, detectors and the scope's densities, where that has not been done."""
+    """Compile simulators, detectors and the scope's density estimates, unless they are cached already."""
     model = load_model(ROBOT)
     simulate_point(model, load_cycle(CYCLE).build(model, 0.05, STEP), Conditions((1.0,)), seed=1)
     nominal = [make_batch(model, CYCLE, 0.0, seed) for seed in (1, 2)]

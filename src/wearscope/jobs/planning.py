@@ -1,4 +1,4 @@
-"""How a study is cut into jobs: the points of each set, the files of their chunks, memory and time."""
+"""Divides a study into jobs: points of each set, files of each chunk, memory and time of each job."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -10,23 +10,24 @@ from wearscope.config import label
 from wearscope.config.study import StudyConfig
 from wearscope.storage.verdicts import drawn_path
 
-#: Memory [bytes] that joining test quantities takes a point and cell: 330 were measured (docs/cluster.md).
+#: Memory [bytes] for joining test quantities, per point and cell; measured: 330 (docs/cluster.md).
 CELL_BYTES = 350
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Sets, chunks and files of a study.
+    """Sets of points of a study, the chunks that they are divided into, and the files of both.
 
     Attributes
     ----------
     study : StudyConfig
     folder : str
-        Of the results.
+        Folder of the study's results.
     packs : bool
-        Whether the recordings of a chunk are one file.
+        Whether the recordings of each chunk are packed into one file, which is kept.
     drops : bool
-        Whether they are such a file for as long as they are needed, except those of nominal runs.
+        Whether they are packed into one file that is deleted once no job needs it; recordings of nominal runs
+        are then not packed and are kept.
     """
 
     study: StudyConfig
@@ -57,18 +58,18 @@ class Plan:
         }
 
     def nominal_of(self, name: str) -> str:
-        """Set whose runs the detectors are fitted to before they are evaluated at a set's points."""
+        """Return the set of nominal runs that detectors are fitted to before evaluation on a given set."""
         return "mismatch_nominal" if name == "mismatch" else "nominal"
 
     @cached_property
     def run_sets(self) -> list[str]:
-        """Sets with a test quantity in every cell."""
+        """Sets whose runs get a test quantity in every cell: each measurement axis with each detector."""
         more = ["filling", "checking"] if self.study.surrogates.filling.enabled else []
         return ["identification", "validation", *more]
 
     @cached_property
     def study_sets(self) -> list[str]:
-        """Sets that are simulated for the test quantities."""
+        """Sets that are simulated to compute the test quantities: `run_sets` and the nominal runs."""
         return [*self.run_sets, "nominal"]
 
     @cached_property
@@ -78,22 +79,22 @@ class Plan:
 
     @cached_property
     def scope_figures(self) -> list[str]:
-        """Figures of the scope, one for each of its factors."""
+        """Names of the scope's figures, one for each of its factors."""
         return [f"scope_{factor}" for factor in self.study.scope.factors]
 
     @cached_property
     def finding_figures(self) -> list[str]:
-        """Figures that answer the study's questions."""
+        """Names of the figures that answer the study's three questions."""
         return ["sensitivity", "snr", *self.scope_figures]
 
     @cached_property
     def figures(self) -> list[str]:
-        """All figures of the study; where it is divided, those that show each cell are the partitions'."""
+        """Names of the study's own figures; in a divided study each partition draws the other figures."""
         return self.scope_figures if self.study.divide() else self.finding_figures
 
     @cached_property
     def categories(self) -> dict[str, str]:
-        """Category of a figure in Snakemake's report."""
+        """Category in Snakemake's report, by figure."""
         return {
             "sensitivity": "Q-1: which factors matter",
             "snr": "Q-2: which detector is best",
@@ -107,23 +108,34 @@ class Plan:
 
     @cached_property
     def reevaluates(self) -> bool:
-        """Whether the study says what a correction changes: a loop is closed, or both models are given."""
+        """Whether the study is evaluated before and after a correction of the model.
+
+        This needs a closed loop, or the two models in the configuration.
+        """
         asked = self.study.reevaluate
         closed = self.study.closed_loop.demonstration or self.study.dataset is not None
         return asked.enabled and bool(closed or asked.before)
 
     @cached_property
     def audited(self) -> list[str]:
-        """Test-cycles whose answers are checked directly, by label."""
+        """Labels of the test-cycles whose answers the audit checks by direct simulation."""
         return [label(one) for one in self.study.cycles[: self.study.audit.cycles]]
 
     @cached_property
     def join_minutes(self) -> int:
-        """Time [min] for what goes through all robots: 1.5 s a robot were measured (docs/cluster.md)."""
+        """Time [min] of a job that goes through all robots: 6 s a robot, measured 1.5 s (docs/cluster.md)."""
         return max(20, len(self.study.robots) // 10)
 
     def asked_of(self, model: str, find: Callable[[str], Any] | None = None) -> Callable[..., dict[str, Any]]:
-        """Input function: tables for a section's surrogates, at the places that `find` gives."""
+        """Return a Snakemake input function: the tables that evaluating a kind of surrogate needs.
+
+        Parameters
+        ----------
+        model : str
+            Kind of surrogate; "chosen" also needs the choice for each cell and the test quantities.
+        find : callable, optional
+            Returns the files of a table, given its name; by default one file in the study's folder.
+        """
         find = find or (lambda table: f"{self.folder}/{table}.parquet")
         files = {"surrogates": find("surrogates")}
         if model == "chosen":
@@ -131,7 +143,11 @@ class Plan:
         return lambda wildcards: files
 
     def parts(self, table: str, *each: str) -> list[str]:
-        """Parts that a study's table is joined from: a table for each robot, test-cycle or partition."""
+        """List the files that a study's table is joined from.
+
+        A divided study has a file for each partition. Any other has a file for each combination of the
+        wildcards in `each`, such as ``{robot}`` and ``{cycle}``.
+        """
         if divided := self.study.divide():
             numbers = [part.partitions.number for part in divided]
             return [f"{self.folder}/partitions/{number:05d}/{table}.parquet" for number in numbers]
@@ -140,13 +156,16 @@ class Plan:
         return list(dict.fromkeys(pattern.format(robot=robot, cycle=cycle) for robot, cycle in pairs))
 
     def whole(self, table: str) -> list[str]:
-        """A table of the study: one file, or a file for each partition."""
+        """List the files of a complete table of the study: one, or one for each partition."""
         return self.parts(table) if self.study.divide() else [f"{self.folder}/{table}.parquet"]
 
     def figure_files(
         self, names: Iterable[str], folder: str, mark: Callable[..., Any] = lambda file, **about: file
     ) -> dict[str, Any]:
-        """SVG files, marked with what Snakemake's `report` takes, and PNG files of figures in a folder."""
+        """Return SVG and PNG files of figures, by name and format, such as ``snr_svg``.
+
+        `mark` is Snakemake's `report`, which puts the SVG files into its report with caption and category.
+        """
         files = {}
         for name in names:
             caption = "scope" if name in self.scope_figures else name
@@ -160,12 +179,12 @@ class Plan:
         return files
 
     def recordings_of(self, sets: Iterable[str], chunk: str = "0") -> list[str]:
-        """Patterns of the files of a chunk's recordings, by set, where they are packed."""
+        """List file patterns, with wildcards, of a chunk's packed recordings, one for each packed set."""
         folder = f"{self.folder}/traces/{{robot}}/{{cycle}}"
         return [f"{folder}/{name}/_chunk-{chunk}.tar" for name in self.packed_sets(*sets)]
 
     def rechecked(self, design: str) -> list[str]:
-        """Test quantities of the audit's second look; none where its design has no point."""
+        """List the files of test quantities at the audit's second points; none where the design is empty."""
         from pyarrow.parquet import read_metadata
 
         if not read_metadata(design).num_rows:
@@ -174,37 +193,40 @@ class Plan:
         return [f"{self.folder}/parts/recheck_quantities/{robot}/{cycle}.parquet" for robot, cycle in pairs]
 
     def drawn_files(self, folder: str, *sides: str) -> list[str]:
-        """Models of sides of a correction that a closed loop in a folder draws, in addition to its own."""
+        """List the models that a closed loop draws from its uncertainty, before or after correction."""
         numbers = range(1, self.study.reevaluate.draws + 1)
         return [f"{folder}/{drawn_path(side, k)}" for side in sides for k in numbers]
 
     def chunks(self, name: str) -> range:
-        """Numbers of the chunks into which a set's points are cut."""
+        """Return the numbers of the chunks that a set's points are divided into."""
         return range(-(-self.points[name] // self.points_per_job))
 
     def traces(self, robot: str, cycle: str, *sets: str) -> list[str]:
-        """Markers of the simulated chunks of some sets."""
+        """List the marker files of the simulated chunks of some sets; a chunk writes its marker last."""
         folder = f"{self.folder}/traces/{robot}/{cycle}"
         return [f"{folder}/{name}/_chunk-{chunk}.json" for name in sets for chunk in self.chunks(name)]
 
     def packed_sets(self, *sets: str) -> list[str]:
-        """Those sets whose recordings are packed, a file for each chunk."""
+        """Return those of the given sets whose recordings are packed into a file for each chunk."""
         return [one for one in sets if self.packs or (self.drops and "nominal" not in one)]
 
     def packed(self, robot: str, cycle: str, *sets: str) -> list[str]:
-        """Files with the packed recordings of some sets, one a chunk."""
+        """List the files with the packed recordings of some sets, one for each chunk."""
         markers = self.traces(robot, cycle, *self.packed_sets(*sets))
         return [marker.replace(".json", ".tar") for marker in markers]
 
     def quantity_chunks(self, *sets: str) -> list[tuple[str, int]]:
-        """Set and number of the chunks in which test quantities are computed; none where one job does all."""
+        """List the chunks, as (set, number), for computing test quantities; empty where one job does all."""
         size = self.study.simulation.quantities_per_job()
         if size is None or sum(self.points[name] for name in sets) <= size:
             return []
         return [(name, chunk) for name in sorted(sets) for chunk in range(-(-self.points[name] // size))]
 
     def quantity_inputs(self, *sets: str) -> dict[str, Any]:
-        """Inputs of the test quantities of some sets: traces, or test quantities of their chunks."""
+        """Return the inputs of a job that gives the test quantities of some sets.
+
+        They are the recordings, or the test quantities of chunks where other jobs compute those.
+        """
         simulated, cut = [*sets, self.nominal_of(sets[0])], self.quantity_chunks(*sets)
         folder = f"{self.folder}/parts/quantity_chunks/{{robot}}/{{cycle}}"
         return {
@@ -215,7 +237,10 @@ class Plan:
         }
 
     def quantity_traces(self, list_files: Callable[..., list[str]], w: Any) -> list[str]:
-        """Files, by `list_files`, of the nominal runs and of the points of a chunk of test quantities."""
+        """List files of the simulated chunks that a chunk of test quantities needs, and of the nominal runs.
+
+        `list_files` is `traces` or `packed`; `w` holds the wildcards robot, cycle, set and chunk.
+        """
         size, first = self.study.simulation.quantities_per_job(), int(w.chunk)
         assert size is not None, "there are chunks"
         last = min((first + 1) * size, self.points[w.set]) - 1
@@ -226,16 +251,16 @@ class Plan:
         ]
 
     def quantity_memory(self, *sets: str) -> int:
-        """Memory [MiB] for the test quantities of some sets."""
+        """Return the memory [MiB] of a job that joins the test quantities of some sets."""
         cells = len(self.study.axes) * len(self.study.detectors)
         return 1200 + round(CELL_BYTES * sum(self.points[name] for name in sets) * cells / 2**20)
 
     def job_minutes(self) -> int:
-        """Time [min] for a job of a given number of points: three times the stated time."""
+        """Return the time limit [min] of a job: three times the stated ``job_seconds``, at least 20."""
         return max(20, round(3 * (self.study.simulation.job_seconds or 0) / 60))
 
     def partition_minutes(self) -> int:
-        """Time [min] for a partition: three times the stated time of its points."""
+        """Return the time limit [min] of a partition: three times its points' stated time, at least 60."""
         points = sum(self.points[name] for name in self.study_sets)
         points *= len(self.study.cycles) * self.study.partitions.robots
         seconds = points * (self.study.simulation.point_seconds + self.study.simulation.quantity_seconds)
@@ -243,10 +268,10 @@ class Plan:
 
 
 def needs(mib: int, minutes: int) -> dict[str, Callable[..., int]]:
-    """Memory [MiB] and time [min] that a job asks a cluster for, more each time that it is tried again.
+    """Return a rule's resources: memory [MiB] and time [min], multiplied by the number of the attempt.
 
-    Memory is 1.6 to 2.4 times the largest that was measured (docs/cluster.md); times are generous guesses.
-    Resources that a rule does not state are in profiles/default.
+    Rules state 1.6 to 2.4 times the largest measured memory (docs/cluster.md) and times guessed generously.
+    Rules without resources take those of profiles/default.
     """
     return {
         "mem_mb": lambda wildcards, attempt: attempt * mib,

@@ -1,6 +1,6 @@
-"""Files that jobs depend on: robots, test-cycles, detectors, effects, a data set, and sources of scripts.
+"""Lists the files that jobs depend on: robots, cycles, detectors, effects, a data set, sources of scripts.
 
-A script's sources are found by reading its imports.
+The sources of a script are found by following its imports.
 """
 
 import os
@@ -31,21 +31,21 @@ from wearscope.tracking.session_names import Tracked
 
 PACKAGE = "wearscope"
 ROOT = Path(__file__).parents[1]
-#: An import of this package at the beginning of a line, indented or not. Parsing the files would take a fifth
-#: of an idle run.
+#: A line that imports from this package, indented or not. A pattern is used because parsing the files would
+#: take a fifth of the time of a run that has nothing to do.
 IMPORT = re.compile(
     rf"^\s*(?:from ({PACKAGE}[\w.]*) import (\([^)]*\)|[^\n;]+)|import ([^\n;]*\b{PACKAGE}\b[^\n;]*))",
     re.MULTILINE,
 )
-#: Blocks under ``if TYPE_CHECKING:`` and comments, which are no imports at run time.
+#: Blocks under ``if TYPE_CHECKING:`` and comments: they import nothing at run time.
 LEFT_OUT = re.compile(r"^([ \t]*)if (?:\w+\.)?TYPE_CHECKING:\n(?:\1[ \t]+.*\n|\s*\n)+|#.*$", re.MULTILINE)
 
 
 def find_sources(*files: str | Path) -> list[Path]:
-    """Python files that running `files` may run: themselves and, transitively, the modules they import.
+    """List `files` and all modules of this package that they import, directly or through other modules.
 
-    Only modules of this package count; imports for type checking do not. Plug-ins are loaded by name, so
-    no import shows them: name their files too (see `plugin_file`).
+    Imports for type checking are ignored. Plug-ins are loaded by name, so no import shows them: pass their
+    files too (see `plugin_file`).
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def find_sources(*files: str | Path) -> list[Path]:
     Raises
     ------
     FileNotFoundError
-        Where a file is not there.
+        If a file does not exist.
     """
     found: set[Path] = set()
     waiting = [Path(file) for file in files]
@@ -73,9 +73,9 @@ def find_sources(*files: str | Path) -> list[Path]:
 
 
 def find_script_sources(script: str | Path, *plugins: str | Path) -> list[Path]:
-    """Files that running a workflow script may run: also scripts next to it that it imports, and plug-ins.
+    """List a workflow script, the scripts next to it that it imports, plug-ins, and all that these import.
 
-    Plug-ins that are not there are left out: what loads them says which is missing.
+    Plug-in files that do not exist are left out: the code that loads them reports which is missing.
     """
     files = [Path(script)]
     for file in files:  # the loop below appends scripts that a script imports
@@ -86,7 +86,7 @@ def find_script_sources(script: str | Path, *plugins: str | Path) -> list[Path]:
 
 
 def plugin_file(reference: str, room: str) -> Path:
-    """File of a plug-in given as `wearscope.plugins.load` takes it; it need not exist."""
+    """Return the file of a plug-in given as in `wearscope.plugins.load`; the file may be missing."""
     if reference.endswith(".py"):
         return Path(reference)
     own = ROOT / room / f"{reference}.py"
@@ -95,6 +95,7 @@ def plugin_file(reference: str, room: str) -> Path:
 
 @cache
 def _imports(file: Path) -> tuple[Path, ...]:
+    """Return the files of this package that a Python file imports."""
     text = LEFT_OUT.sub("", file.read_text(encoding="utf-8"))
     names: set[str] = set()
     for module, attributes, modules in IMPORT.findall(text):
@@ -104,7 +105,7 @@ def _imports(file: Path) -> tuple[Path, ...]:
 
 
 def _module_files(name: str) -> list[str]:
-    """Files that importing a dotted name runs: the packages on the way and the module itself."""
+    """List the files that importing a dotted name runs: each package's ``__init__.py`` and the module."""
     first, *parts = name.split(".")
     if first != PACKAGE:
         return []
@@ -124,19 +125,19 @@ _BRACES = re.compile(r"[{}\n]")
 
 
 class NamedRobot:
-    """A robot's model file, with what it names.
+    """A robot's model file, its URDF and the effects that it lists.
 
     Parameters
     ----------
     reference : str
-        As the configuration has it.
+        Robot as the configuration gives it: a name or a path.
     allow_code : Allowed
-        Code that models may name.
+        Files with effects that models may load.
 
     Raises
     ------
     InputError
-        Where the model cannot be read, or names code that is not allowed.
+        If the model cannot be read, or lists an effect whose code is not allowed.
     """
 
     def __init__(self, reference: str, allow_code: Allowed) -> None:
@@ -150,7 +151,7 @@ class NamedRobot:
         self._urdf = content["urdf"]
 
     def list_files(self) -> list[str]:
-        """Model file and URDF."""
+        """List the model file and its URDF."""
         urdf = os.path.join(self.path.parent, self._urdf)
         if not os.path.isfile(urdf) or _BRACES.search(urdf):
             raise InputError(
@@ -159,22 +160,22 @@ class NamedRobot:
         return [str(self.path), urdf]
 
     def list_effect_files(self) -> list[Path]:
-        """Files of the effects that the model lists."""
+        """List the files of the effects that the model lists."""
         return [plugin_file(locate_effect(name, self.path.parent), "effects") for name in self.effects]
 
 
 class NamedDataSet:
-    """A measured data set, with the files that its ``dataset.yaml`` names.
+    """A measured data set, with the files that its ``dataset.yaml`` lists.
 
     Parameters
     ----------
     path : str
-        Its folder or ``dataset.yaml``.
+        The data set's folder, or its ``dataset.yaml``.
 
     Raises
     ------
     InputError
-        Where there is no such file, or no name for the results' folder in it.
+        If there is no such file, or its ``name`` cannot name a folder of results.
     """
 
     def __init__(self, path: str) -> None:
@@ -188,26 +189,27 @@ class NamedDataSet:
 
     @cached_property
     def files(self) -> list[str]:
-        """URDF, runs and own effects that are there; the loop says which is missing."""
+        """URDF, runs and own effects, as far as the files exist; the closed loop reports which is missing."""
         return self._list_files(self.content)
 
     @property
     def effects(self) -> list[str]:
-        """Names of effects that the data set asks for."""
+        """Names of all effects in the data set's fields ``effects`` and ``declared_effects``."""
         listed = [self.content.get(field) for field in ("effects", "declared_effects")]
         return [
             name for names in listed if isinstance(names, list) for name in names if isinstance(name, str)
         ]
 
     def take_session_fields(self, sessions: Collection[str]) -> str:
-        """Fields of ``dataset.yaml`` that the runs of some sessions depend on, as YAML."""
+        """Return, as YAML, the fields of ``dataset.yaml`` that results of the given sessions depend on."""
         return yaml.safe_dump(self._take_sessions(sessions))
 
     def list_session_files(self, sessions: Collection[str]) -> list[str]:
-        """As `files`, of the runs of some sessions."""
+        """List the same files as `files`, but with the runs of the given sessions only."""
         return self._list_files(self._take_sessions(sessions))
 
     def _take_sessions(self, sessions: Collection[str]) -> dict[str, Any]:
+        """Return the content of ``dataset.yaml`` with the runs of the given sessions only."""
         content = {key: value for key, value in self.content.items() if key not in ("reference", "runs")}
         listed = self.content.get("runs")
         runs = [run for run in listed if isinstance(run, dict)] if isinstance(listed, list) else []
@@ -215,6 +217,7 @@ class NamedDataSet:
         return {**content, "runs": own}
 
     def _list_files(self, content: Mapping[str, Any]) -> list[str]:
+        """List the existing files that fields of a ``dataset.yaml`` refer to."""
         folder, found = Path(self.file).parent, []
         for name in list_named(content):
             try:
@@ -232,22 +235,22 @@ class NamedDataSet:
 
 
 def _refuse_braces(file: str) -> None:
-    """Refuse a path that Snakemake would read as a pattern."""
+    """Refuse a path with braces or a line end: Snakemake would take braces for wildcards."""
     if _BRACES.search(file):
         raise InputError(f"{file}: the path holds a brace or the end of a line; rename that file or folder.")
 
 
-#: Scripts that a partition runs, without those that load plug-ins.
+#: Scripts that a partition runs, except those that load plug-ins.
 _PARTITION = (
     "run_partition", "choose_surrogates", "compute_scope", "compute_snr", "validate_surrogates",
     "make_overview", "write_report",
 )  # fmt: skip
-#: Style sheets and templates of figures and pages, which no import shows.
+#: Style sheets and templates of figures and pages. They are read, not imported, so no import shows them.
 _LOOKS = ("*.mplstyle", "templates/*", "templates/*/*")
 
 
 def tell(find: Callable[..., Any], *given: Any) -> Any:
-    """Result of a function; where it refuses the input, the run ends with its sentence."""
+    """Call a function and return its result; an `InputError` ends the run with its message only."""
     try:
         return find(*given)
     except InputError as error:
@@ -255,14 +258,14 @@ def tell(find: Callable[..., Any], *given: Any) -> Any:
 
 
 def refuse_without_dataset(wildcards: Any) -> None:
-    """End the run in one sentence."""
+    """End the run with the message that a data set is needed; an input function of Snakemake."""
     raise SystemExit(
         "config: dataset is missing; name a data set, as in snakemake --cores 2 detect --config dataset=PATH"
     )
 
 
 def list_tracked(sessions: Tracked | None, folder: str) -> list[str]:
-    """Files that tracking makes in a folder; the run ends in one sentence if there is nothing to track."""
+    """List the files that tracking makes in a folder; end the run with a message if it cannot track."""
     if sessions is None:
         raise SystemExit("config: dataset is missing; say which machine to track: --config dataset=PATH.")
     if sessions.refusal:
@@ -271,24 +274,29 @@ def list_tracked(sessions: Tracked | None, folder: str) -> list[str]:
 
 
 class StudyFiles:
-    """Files of a study; each answer is kept, as no file changes while jobs are planned.
+    """Files that the jobs of a study depend on.
+
+    Answers are cached: Snakemake asks repeatedly, and no file changes while it plans the jobs.
 
     Parameters
     ----------
     study : StudyConfig
     folder : str
-        Of the results.
+        Folder of the study's results.
     home : str
-        Folder of Snakefile and workflow.
+        Folder that holds the Snakefile and ``workflow``.
     flag : callable
-        Marks files that are no results, given as a list of paths.
+        Marks a list of paths as source files for Snakemake, which no job makes.
 
     Attributes
     ----------
-    robots, cycles : dict of str to str
-        Model file or name, and test-cycle, by label; robots as they are simulated.
+    robots : dict of str to str
+        Model that is simulated, as a name or a file, by label; a rule makes the file of a robot that takes
+        over corrections from another.
+    cycles : dict of str to str
+        Test-cycle, as a name or a file, by label.
     named_robots : dict of str to str
-        Robots as the configuration names them.
+        Robots as the configuration names them, by label.
     dataset : NamedDataSet or None
     """
 
@@ -300,25 +308,25 @@ class StudyFiles:
         self.robots = self.named_robots | {
             robot: f"{folder}/robots/{robot}.yaml" for robot in self.named_robots if robot in study.carry_over
         }
-        #: Model files that a rule makes, with the models that they are made from.
+        #: Models that a rule makes each model file from: the robot's own and the one with the corrections.
         self.made_models = {
             self.robots[robot]: [self.named_robots[robot], carried.source]
             for robot, carried in study.carry_over.items()
         }
         self.cycles = {label(reference): reference for reference in study.cycles}
         self.dataset = tell(NamedDataSet, study.dataset) if study.dataset is not None else None
-        # Snakemake asks for a job's inputs each time that it looks at the job.
+        # Snakemake evaluates the inputs of a job many times, so these are cached.
         self.code = cache(self._list_code)
         self.read_robot = cache(lambda reference: tell(NamedRobot, reference, study.allow_code))
         self.installed = cache(self._identify_installed)
 
     def _list_code(self, script: str, *plugins: str) -> list[Any]:
-        """Source files that a script's result depends on: itself, what it imports, and plug-ins it loads."""
+        """List a script's source files, relative to the working folder: itself, its imports, its plug-ins."""
         files = find_script_sources(f"{self.home}/workflow/scripts/{script}.py", *plugins)
         return self.flag(sorted({os.path.relpath(file) for file in files}))
 
     def list_partition_code(self) -> list[Any]:
-        """Source files that what a partition makes depends on, each once."""
+        """List the source files that the results of a partition depend on, each once."""
         files = [
             *(file for script in _PARTITION for file in self.code(script)),
             *self.code("simulate_points", *self.cycle_files()),
@@ -340,20 +348,23 @@ class StudyFiles:
         return self.flag(sorted(map(os.path.relpath, found)))
 
     def robot_files(self, reference: str) -> list[Any]:
-        """Model file and URDF of a robot."""
+        """List the model file and the URDF of a robot."""
         if reference in self.made_models:
             return [reference, str(Path(reference).with_suffix(".urdf"))]
         return self.flag(tell(self.read_robot(reference).list_files))
 
     def robot_effects(self, reference: str) -> list[str]:
-        """Files of the effects that a robot's model lists, or may list where a rule makes it."""
+        """List the files of the effects in a robot's model; for a model yet to be made, all possible ones."""
         if reference in self.made_models:
             sources = self.made_models[reference]
             return [*self.effect_files(), *{file for one in sources for file in self.robot_effects(one)}]
         return self.read_robot(reference).list_effect_files()
 
     def reevaluated_models(self, references: Iterable[str], loop: str) -> list[Any]:
-        """Model files that a reevaluation starts from, those of a closed loop's folder among them."""
+        """List the model files that a reevaluation starts from.
+
+        Files in the folder `loop` are made by the closed loop and are listed as they are.
+        """
         named, lender = list(references), self.study.reevaluate.carry_over
         if lender is not None:
             named.append(lender.source)
@@ -361,24 +372,24 @@ class StudyFiles:
         return sorted([*made, *(file for one in set(named) - made for file in self.robot_files(one))])
 
     def detector_files(self) -> list[Path]:
-        """Files of the study's detectors."""
+        """List the files of the study's detectors."""
         return [plugin_file(detector.use, "detectors") for detector in self.study.detectors.values()]
 
     def cycle_files(self) -> list[Path]:
-        """Files of the study's test-cycles."""
+        """List the files of the study's test-cycles."""
         return [plugin_file(reference, "cycles") for reference in self.study.cycles]
 
     def effect_files(self) -> list[str]:
-        """Files of all effects: whatever closes the loop may try each."""
+        """List the files of all built-in effects: a closed loop may try each."""
         return sorted(str(file) for file in (ROOT / "effects").iterdir())
 
     def own_effects(self) -> list[Any]:
-        """Own effects' files that the configuration names and that are there."""
+        """List the existing files of the user's own effects that the configuration names."""
         files = [str(plugin_file(reference, "effects")) for reference in self.study.closed_loop.effects]
         return self.flag([file for file in files if os.path.isfile(file)])
 
     def own_files(self) -> list[Any]:
-        """Files that the configuration names beyond the platform's code: robots, test-cycles, detectors."""
+        """List files outside the package that the configuration names: robots, test-cycles, detectors."""
         robots = set(self._list_robots())
         files: list[Any] = [*self.cycle_files(), *self.detector_files()]
         for find in (self.robot_files, self.robot_effects):
@@ -387,10 +398,14 @@ class StudyFiles:
         return self.flag(sorted(own))
 
     def _list_robots(self) -> Iterable[str]:
+        """List all models that the configuration names, also those that corrections are taken from."""
         return [*self.named_robots.values(), *(one.source for one in self.study.carry_over.values())]
 
     def _identify_installed(self, *rooms: str) -> dict[str, Any]:
-        """Plug-ins of installed packages, by name and version: dates of their files do not tell changes."""
+        """Return package, version and digest of installed plug-ins that the study uses, by kind and name.
+
+        They replace the files as a job's inputs: dates of installed files do not show what has changed.
+        """
         robots = self._list_robots()
         named = {
             "robots": robots,

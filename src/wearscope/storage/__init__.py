@@ -1,1 +1,1 @@
-"""Files and tables, written whole or not at all, with checksums; readers of plain YAML and of verdicts."""
+"""Writes files and tables atomically and with checksums; reads plain YAML and verdicts."""

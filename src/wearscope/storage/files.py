@@ -1,12 +1,13 @@
-"""Files written whole or not at all, their checksums, and answers that are shown as a whole.
+"""Writes files atomically, keeps their checksums, and replaces the files of an answer together.
 
-What a killed writer left is cleared by the next one. The checksum of ``results/NAME/a/b.json`` is in
-``results/NAME/.checksums/a/b.json.sha256``, as `sha256sum` writes it.
+The next writer removes the temporary file of a writer that was killed. The checksum of
+``results/NAME/a/b.json`` is in ``results/NAME/.checksums/a/b.json.sha256``, in the format of `sha256sum`.
 
-An answer is shown as a whole: the old one or the new one, whatever is killed in between. Jobs make it in a
-folder of their own, those of a study in its ``parts``. Then its files take the place of the old ones
-together: a folder `READY`, which appears in one step, holds them until each has its place. If the process is
-killed meanwhile, the next one that looks finishes the move.
+An answer is a set of files, such as a verdict with its page. A user sees all files of the old answer or all
+of the new one, even if a process is killed in between. Jobs first make the new files in a separate folder
+(those of a study in its ``parts``). `show_answer` then copies them and renames the folder of copies to
+`READY` in one step. From there each file moves to its place. If the process is killed during these moves,
+the next process that reads the answer finishes them (`settle`).
 """
 
 import errno
@@ -25,22 +26,23 @@ from typing import IO, Any
 from wearscope import limits
 from wearscope.errors import InputError, describe
 
-#: The disk is full, or its user's share of it is.
+#: Error numbers of a full disk and of a user's used-up quota.
 FULL = (errno.ENOSPC, errno.EDQUOT)
-#: Names of files being written, and of files set aside as damaged.
+#: Pattern of the names of temporary files (see `write_whole`) and of damaged files (see `set_aside`).
 OWN = re.compile(r"\..+\.(?:[a-z0-9_]{8}\.part|damaged)")
 
 
-#: Files that this process has written; a job keeps their checksums.
+#: Files that this process has written. At its end a job records their checksums.
 written: set[Path] = set()
 
 
 class DamagedFile(InputError):
-    """A file of a study that is missing or is not what was written.
+    """Error about a file of a study that is missing or has changed since it was written.
 
     Attributes
     ----------
     path : Path
+        The file.
     """
 
     def __init__(self, path: str | Path, message: str) -> None:
@@ -57,7 +59,7 @@ def check_folder(path: str | Path) -> None:
     Raises
     ------
     InputError
-        Where a part of it is a file, or a link to nowhere.
+        If a part of the path is a file, or a link whose target does not exist.
     """
     path = Path(path)
     for part in (*reversed(path.parents), path):
@@ -69,20 +71,20 @@ def check_folder(path: str | Path) -> None:
 def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
     """Write a file under a temporary name in the same folder, then rename it.
 
-    Temporary files that killed writers left in the folder are removed. A writer holds a lock on its own,
-    which the kernel releases when it dies.
+    First removes the temporary files of killed writers. A living writer's file is safe: the writer locks it,
+    and the kernel releases the lock only when the writer ends.
 
     Parameters
     ----------
     path : path-like
-        The file to write; its folder is made.
+        The file to write; its folder is created.
     write : callable
         Called with the temporary name; writes the content.
 
     Raises
     ------
     InputError
-        Where the disk refuses the file; nothing is left behind.
+        If the file cannot be written; no temporary file remains.
     """
     path = Path(path)
     handle, temporary = -1, ""
@@ -105,7 +107,7 @@ def write_whole(path: str | Path, write: Callable[[str], Any]) -> None:
 
 
 def explain_unwritten(path: str | Path, error: OSError) -> InputError:
-    """Sentence about a file or folder that cannot be written; a full disk is named by where it is mounted."""
+    """Return the error for a file or folder that cannot be written; it says where a full disk is mounted."""
     if error.errno not in FULL:
         told = error.strerror or error
         return InputError(f"{path}: cannot be written ({told}); free disk space or choose another place.")
@@ -116,12 +118,12 @@ def explain_unwritten(path: str | Path, error: OSError) -> InputError:
 
 
 def copy_file(source: str | Path, target: str | Path) -> str | Path:
-    """Copy a file's content; for `shutil.copytree`, which would make a list of errors of a full disk.
+    """Copy a file's content; meant for `shutil.copytree`, which collects an `OSError` for every file.
 
     Raises
     ------
     InputError
-        Where the disk is full.
+        If the disk is full; it stops the copying at the first file.
     """
     try:
         return shutil.copyfile(source, target)
@@ -132,16 +134,17 @@ def copy_file(source: str | Path, target: str | Path) -> str | Path:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file atomically (see `write_whole`)."""
     write_whole(path, lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
 def open_new(path: str | Path) -> IO[str]:
-    """Open a new text file in place of what is there; a link is not followed, a pipe not waited for.
+    """Delete what has this path and open a new text file; so a link is not followed and a pipe cannot block.
 
     Raises
     ------
     OSError
+        If the old file cannot be deleted or the new one cannot be created.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -150,33 +153,35 @@ def open_new(path: str | Path) -> IO[str]:
 
 
 def write_new(path: str | Path, text: str) -> None:
-    """Write a text file as `open_new` opens it, where nobody looks before all is written."""
+    """Write a text file directly (see `open_new`), for folders that nobody reads before all is written."""
     with open_new(path) as file:
         file.write(text)
 
 
 def load_json(text: str | bytes, **options: Any) -> Any:
-    """Content of a JSON text, not nested too deeply to be walked, and fit to be written again.
+    """Parse a JSON text; refuse deep nesting, and half surrogate pairs, which no file can hold.
 
     Parameters
     ----------
     text : str or bytes
     **options
-        Of `json.loads`.
+        Options of `json.loads`.
 
     Raises
     ------
     ValueError, RecursionError
+        If the text is no JSON, or is refused.
     """
     text = text if isinstance(text, str) else text.decode()
     content = json.loads(text, **options)
     _check_depth(content)
-    if re.search(r"\\u[dD][89a-fA-F]", text):  # refuses half a surrogate pair, which no file can hold
+    if re.search(r"\\u[dD][89a-fA-F]", text):  # encoding fails for half a surrogate pair
         json.dumps(content, ensure_ascii=False).encode()
     return content
 
 
 def _check_depth(content: Any) -> None:
+    """Refuse a JSON content with more than `limits.JSON_DEPTH` levels."""
     level, depth = [content], 0
     while level := [inner for one in level for inner in _list_inner(one)]:
         depth += 1
@@ -185,11 +190,12 @@ def _check_depth(content: Any) -> None:
 
 
 def _list_inner(one: Any) -> Iterable[Any]:
+    """Return the values inside a JSON value; nothing for a text, number or null."""
     return one.values() if isinstance(one, dict) else one if isinstance(one, list) else ()
 
 
 def check_plain(path: str | Path, most: int, remedy: str) -> None:
-    """Refuse what is no plain file of a bounded size: a pipe or device has no end.
+    """Refuse a path that is no regular file, or a file that is too large; reading a pipe may never end.
 
     Parameters
     ----------
@@ -197,10 +203,12 @@ def check_plain(path: str | Path, most: int, remedy: str) -> None:
     most : int
         Largest size [bytes].
     remedy : str
+        What the user can do, for the message.
 
     Raises
     ------
     InputError
+        If it is refused.
     """
     path = Path(path)
     try:
@@ -215,12 +223,12 @@ def check_plain(path: str | Path, most: int, remedy: str) -> None:
 
 
 def read_json(path: str | Path, kind: type = dict) -> Any:
-    """Content of a JSON file that holds a mapping, or another `kind`.
+    """Read a JSON file whose content is of type `kind`, a mapping by default.
 
     Raises
     ------
     InputError
-        Where it is missing, no plain file, larger than `wearscope.limits` says, or none.
+        If the file is missing, no regular file, too large, no JSON, or of another type.
     """
     path = Path(path)
     check_plain(path, limits.JSON_BYTES, "run the command that makes it")
@@ -234,9 +242,12 @@ def read_json(path: str | Path, kind: type = dict) -> Any:
 
 
 def clear_stale(folder: str | Path) -> list[Path]:
-    """Remove the temporary files of writers that are no more; return what was removed.
+    """Remove temporary files of `write_whole` that no process locks: their writer was killed.
 
-    Only files of the pattern that `write_whole` uses, and only where no process holds their lock.
+    Returns
+    -------
+    list of Path
+        Removed files.
     """
     removed = []
     with os.scandir(folder) as entries:
@@ -257,29 +268,30 @@ def clear_stale(folder: str | Path) -> list[Path]:
 
 
 def digest_file(path: Path) -> str:
-    """SHA-256 of a file, read in blocks."""
+    """Return the SHA-256 of a file, as hexadecimal digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def set_aside(path: str | Path) -> Path:
-    """Name under which a damaged file is kept until it is written again."""
+    """Return the path under which a damaged file is kept until it is written again."""
     path = Path(path)
     return path.with_name(f".{path.name}.damaged")
 
 
 def _open_locked(path: Path) -> tuple[int, str]:
+    """Create a temporary file for `path` and lock it; return its descriptor and name."""
     while True:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         fcntl.flock(handle, fcntl.LOCK_EX)
         if os.fstat(handle).st_nlink:
             return handle, temporary
-        os.close(handle)  # removed as stale before it was locked
+        os.close(handle)  # another process removed it as stale before this one locked it
 
 
 CHECKSUMS = ".checksums"
 RECORDING = "recording.parquet"
-#: File next to which the pages of an answer lie, and the kind of the answer.
+#: Main file of each kind of answer, and the name of that kind. Its pages are in the same folder.
 ANSWERS = {
     "verdict.json": "diagnosis",
     "tracking.json": "tracking",
@@ -287,7 +299,7 @@ ANSWERS = {
     "conclusion.json": "study",
     "reevaluation.parquet": "correction",
 }
-#: The configuration that a study was run with last, in its folder.
+#: File in a study's folder with the configuration of its last run.
 SETTINGS = ".study.json"
 
 
@@ -297,29 +309,33 @@ def record_checksums(
     made_with: str | Path = "",
     write: Callable[[Path, str], object] = write_text,
 ) -> None:
-    """Keep the checksums of files in a study's folder.
+    """Record the checksums of files in a study's folder.
 
     Parameters
     ----------
-    folder, files
+    folder : path-like
+        The study's folder.
+    files : iterable of path-like
+        Files in it.
     made_with : path-like
-        Output of a rule whose job wrote them, where they are no outputs themselves.
+        Declared output of the workflow rule whose job wrote the files, if they are not declared themselves.
+        Deleting this output makes the workflow write them again.
     write : callable
-        Writes a text file; `wearscope.storage.files.write_new` is faster in a folder that only one writes to.
+        Writes a text file; `write_new` is faster but needs a folder that only this process writes to.
     """
     for file in map(Path, files):
         name = file.relative_to(folder).as_posix()
         output = Path(made_with).relative_to(folder).as_posix() if made_with else ""
         line = f"# made with {output}\n" if output else ""
-        write(_kept(folder, name), f"{digest_file(file)}  {name}\n{line}")
+        write(_locate_checksum(folder, name), f"{digest_file(file)}  {name}\n{line}")
 
 
 def find_output(path: Path) -> Path:
-    """Output of the rule that made a file: the file itself unless its checksum names another."""
+    """Return the declared output of the rule that made a file: itself, or ``made_with`` (see above)."""
     for folder in path.parents:
         if (folder / CHECKSUMS).is_dir():
             try:
-                lines = _read_kept(_kept(folder, path.relative_to(folder).as_posix()))
+                lines = _read_checksum(_locate_checksum(folder, path.relative_to(folder).as_posix()))
             except (OSError, ValueError):
                 break
             _, found, output = lines.partition("# made with ")
@@ -328,19 +344,19 @@ def find_output(path: Path) -> Path:
 
 
 def check_file(folder: str | Path, file: str | Path) -> None:
-    """Check a file in a study's folder; one without a kept checksum passes.
+    """Check a file in a study's folder against its recorded checksum; without one, the file passes.
 
     Raises
     ------
     DamagedFile
-        Where it is missing, or is not what was written.
+        If the file is missing or has changed.
     """
     name = Path(file).relative_to(folder).as_posix()
-    kept = _kept(folder, name)
+    kept = _locate_checksum(folder, name)
     try:
         if not os.path.lexists(kept):
             return
-        wanted = _read_kept(kept).split()[:1]
+        wanted = _read_checksum(kept).split()[:1]
     except (OSError, ValueError):
         wanted = []
     if not Path(file).is_file():
@@ -352,14 +368,14 @@ def check_file(folder: str | Path, file: str | Path) -> None:
 
 
 def withdraw(path: str | Path) -> list[Path]:
-    """Set a damaged file aside, so that the next run makes it again.
+    """Rename a damaged file, so that the next run makes it again.
 
-    A recording's chunk is withdrawn too: its marker says that the recording is there.
+    For a recording, the marker file of its chunk is renamed too, since it states that the recording exists.
 
     Returns
     -------
     list of Path
-        Files that a run must make again: those withdrawn that are outputs of a rule.
+        Declared outputs of rules that the next run must make again.
     """
     path = Path(path)
     withdrawn = [find_output(path)]
@@ -372,40 +388,46 @@ def withdraw(path: str | Path) -> list[Path]:
 
 
 def _lists(marker: Path, recording: Path) -> bool:
+    """Return whether a chunk's marker file lists a recording, or cannot be read."""
     point = recording.parent.name.removeprefix("point=")
     try:
         return point in json.loads(marker.read_text(encoding="utf-8"))["fingerprints"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return True  # an unreadable marker proves nothing
+        return True  # it may list the recording, so the chunk is made again
 
 
-def _read_kept(path: Path) -> str:
+def _read_checksum(path: Path) -> str:
+    """Return the content of a checksum file."""
     check_plain(path, limits.YAML_BYTES, "make its file again")
     return path.read_text(encoding="utf-8")
 
 
-def _kept(folder: str | Path, name: str) -> Path:
+def _locate_checksum(folder: str | Path, name: str) -> Path:
+    """Return the checksum file of a file, given by its path in the study's folder."""
     return Path(folder) / CHECKSUMS / f"{name}.sha256"
 
 
-#: Where jobs make answers, next to the folders in which they are shown, and the list of its files.
-MADE, LIST = ".made", "shown.json"
-#: Held by the run that works in a folder of results.
+#: Folder in which jobs make answers, next to the folders that show them.
+MADE = ".made"
+#: File that lists the files of an answer.
+LIST = "shown.json"
+#: File that a run locks while it works in a folder of results.
 LOCK = ".wearscope.lock"
-#: Folder of files that are about to take their places, and its name while it is being filled.
+#: Folder with the complete files of a new answer, and its name while files are copied into it.
 READY, GATHERED = ".ready", ".gathered"
-#: Files of an answer from before lists were kept.
+#: Files of an answer made by a version that wrote no list.
 _EARLIER = ("report.html", "*.parquet", "next_measurement_*")
 
 
 def show_answer(made: Path, folder: Path) -> None:
-    """Put the files of an answer in the place of the one that a folder shows, all together.
+    """Replace the answer in a folder by a new one, all files together.
 
     Parameters
     ----------
     made : Path
-        Where jobs have made it; keeps it, and gets the list of its files.
+        Folder in which jobs have made the new answer; its files stay there, and their list is added.
     folder : Path
+        Folder that shows the answer.
     """
     settle(folder)
     gathered, names = folder / GATHERED, []
@@ -415,7 +437,7 @@ def show_answer(made: Path, folder: Path) -> None:
         if file.is_file() and file.name != LIST and not file.name.startswith("."):
             names.append(name.as_posix())
             (gathered / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, gathered / name)  # so that its date is that of the showing
+            shutil.copyfile(file, gathered / name)  # a copy is dated now, when the answer is shown
     write_new(gathered / LIST, json.dumps(names))
     gathered.replace(folder / READY)
     settle(folder)
@@ -423,7 +445,7 @@ def show_answer(made: Path, folder: Path) -> None:
 
 
 def settle(folder: Path) -> None:
-    """Finish what a killed `show_answer` began in a folder, if there is anything."""
+    """Finish the moves into a folder that a killed `show_answer` has left; do nothing if there are none."""
     ready = folder / READY
     if not ready.is_dir():
         return
@@ -444,18 +466,18 @@ def settle(folder: Path) -> None:
 
 
 def forget_lost(made: Path, folder: Path) -> None:
-    """Mark an answer as not shown yet where one of its files is lost, so that it is shown again."""
+    """If a shown file is missing, delete the list of its answer, so that the next run shows it again."""
     if (made / LIST).is_file() and not all((folder / name).is_file() for name in _list_shown(folder)):
         (made / LIST).unlink()
 
 
 def check_shown(path: str | Path) -> None:
-    """Check a file that is about to be shown, by the checksum kept in a folder above it, if there is any.
+    """Check a file that is about to be shown against the checksum recorded in a folder above it, if any.
 
     Raises
     ------
     DamagedFile
-        As of `check_file`.
+        If the file has changed, or is missing, perhaps because a run is making it.
     """
     path = Path(path).absolute()
     settle(path.parent)
@@ -471,19 +493,19 @@ def check_shown(path: str | Path) -> None:
 
 
 def check_answer(page: str | Path) -> None:
-    """Check a page that is about to be shown, and the answer next to it that it was made from.
+    """Check a page that is about to be shown, and the answer in the same folder that it was made from.
 
     Raises
     ------
     DamagedFile
-        As of `check_file`.
+        See `check_shown`.
     """
     for name in (*ANSWERS, Path(page).name):
         check_shown(Path(page).with_name(name))
 
 
 def _is_busy(path: Path) -> bool:
-    """Whether a run works in the folder of results that a file is in."""
+    """Return whether a run is working in the folder of results that holds a file."""
     for folder in path.parents:
         if (folder / LOCK).is_file():
             with suppress(OSError), open(folder / LOCK) as file:
@@ -495,12 +517,12 @@ def _is_busy(path: Path) -> bool:
 
 
 def _made_in(folder: Path) -> Path:
-    """Where jobs make the answer of a folder next to others; a study makes its own within itself."""
+    """Return the folder in which jobs make the answer of a given folder; a study uses its own instead."""
     return folder.parent / MADE / folder.name
 
 
 def _list_shown(folder: Path) -> list[str]:
-    """Files of the answer that a folder shows."""
+    """List the files of the answer that a folder shows, as paths in it."""
     kept = folder / f".{LIST}"
     if kept.is_file():
         return [str(name) for name in json.loads(kept.read_text(encoding="utf-8"))]

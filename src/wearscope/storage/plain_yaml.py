@@ -1,4 +1,4 @@
-"""The one reader of YAML: plain values within `wearscope.limits`, in which no key stands twice."""
+"""The only reader of YAML: it takes plain values of bounded size, and refuses a key that is given twice."""
 
 import re
 from datetime import date
@@ -9,7 +9,7 @@ import yaml
 from wearscope import limits
 from wearscope.errors import InputError, explain_yaml, tell_error
 
-#: Tags that a value may carry; all others ask for more than plain values.
+#: Allowed tags; any other would create more than a text, number, list or mapping.
 _TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")}
 #: Errors that PyYAML's constructors raise for a malformed value.
 _NO_VALUE = (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError, RecursionError)
@@ -20,7 +20,7 @@ _Fast: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_Fast):
-    """Refuses a key that stands twice in a mapping: of two values YAML itself keeps the last, silently."""
+    """YAML loader that refuses a key given twice in a mapping; PyYAML would silently keep the last value."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
         keys: set[tuple[str, str]] = set()
@@ -33,18 +33,18 @@ class _Loader(_Fast):
 
 
 def take_label(value: Any) -> Any:
-    """Text of a name or a label: YAML reads a date as one."""
+    """Return a name or label as text, since YAML reads one such as 2024-05-01 as a date."""
     return value.isoformat() if isinstance(value, date) else value
 
 
 def load_plain_yaml(text: str) -> Any:
-    """Content of a YAML text.
+    """Return the content of a YAML text.
 
     Raises
     ------
     yaml.YAMLError
-        Where it is no YAML or beyond `wearscope.limits`, a key stands twice, or an anchor, alias or tag
-        asks for more than plain values.
+        If the text is no YAML or exceeds `wearscope.limits`, a key is given twice, an alias has no anchor, or
+        a tag asks for more than plain values.
     """
     _check_bounds(text)
     try:
@@ -54,19 +54,20 @@ def load_plain_yaml(text: str) -> Any:
 
 
 def read_mapping(content: str | bytes, where: str, remedy: str = "correct it") -> dict[str, Any]:
-    """Content of a YAML text that holds a mapping of fields.
+    """Return the content of a YAML text that holds a mapping.
 
     Parameters
     ----------
     content : str or bytes
     where : str
-        What messages call it.
+        Name of the text in messages, such as its file.
     remedy : str
+        What the user can do, for messages.
 
     Raises
     ------
     InputError
-        Where it is no text, no YAML (see `load_plain_yaml`), or no mapping.
+        If the content is not UTF-8, no YAML (see `load_plain_yaml`), or no mapping.
     """
     try:
         fields = load_plain_yaml(content if isinstance(content, str) else content.decode())
@@ -78,12 +79,12 @@ def read_mapping(content: str | bytes, where: str, remedy: str = "correct it") -
 
 
 def _check_bounds(text: str) -> None:
-    """Refuse what would be large once it is read, before a value of it is made; an alias is a copy."""
+    """Refuse a YAML text with too many values or levels before any is created; an alias counts as a copy."""
     if len(text) > limits.YAML_BYTES:
         raise yaml.YAMLError(f"it holds more than {limits.YAML_BYTES} characters")
     count = 0
-    copies: dict[str, tuple[int, int]] = {}  # values and levels by anchor
-    opened: list[list[Any]] = [[None, 0, 0]]  # open collections: anchor, values before it, levels within it
+    copies: dict[str, tuple[int, int]] = {}  # by anchor: number of values and of levels
+    opened: list[list[Any]] = [[None, 0, 0]]  # each open collection: anchor, values before it, levels in it
     for event in yaml.parse(text, _Fast):
         values, levels = 1, 0
         if isinstance(event, yaml.CollectionEndEvent):
@@ -111,7 +112,7 @@ def _check_bounds(text: str) -> None:
 
 
 def _check_event(event: Any) -> None:
-    """Refuse a tag that is not of plain values, and a number that is too long."""
+    """Refuse a tag that is not in `_TAGS`, and a number with too many characters."""
     if event.tag not in (None, "!") and event.tag not in _TAGS:
         told = f"a tag '{event.tag[:40]}', which asks for more than plain values"
         raise _refuse(told, event.start_mark)
@@ -122,4 +123,5 @@ def _check_event(event: Any) -> None:
 
 
 def _refuse(told: str, mark: Any) -> yaml.YAMLError:
+    """Return the error with a message and a position in the text."""
     return yaml.MarkedYAMLError(None, None, told, mark)

@@ -1,4 +1,4 @@
-"""With what a result was made: versions of the code, of Python and of every package."""
+"""Describes what made a result: versions of the code, of Python and of every installed package."""
 
 import hashlib
 import platform
@@ -14,7 +14,7 @@ from wearscope.storage.files import digest_file
 
 
 def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
-    """Versions of code and packages.
+    """Return the versions of code and packages.
 
     Parameters
     ----------
@@ -24,16 +24,17 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``python``; ``packages`` (version by name); ``code``: ``wearscope`` (version), ``commit`` and its
-        ``date`` (None where git knows none), ``changed`` (whether tracked files differ from it), ``sha256``
-        (of all sources), ``files`` (digest by source).
+        ``python`` (version), ``packages`` (version by name) and ``code``. The latter holds ``wearscope``
+        (version), ``commit`` and its ``date`` (None without git), ``changed`` (whether tracked files differ
+        from the commit), ``sha256`` (of all sources together) and ``files`` (SHA-256 by source).
     """
     files = {Path(source).as_posix(): digest_file(Path(source)) for source in sources}
     text = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
     packages: dict[str, str] = {}
-    # Once each, though a script's path may name a folder several times; the first is what Python imports.
+    # The module path of a script may hold a folder several times, and a package may be in several folders.
+    # Python imports the first, so the first version counts.
     for one in metadata.distributions(path=list(dict.fromkeys(sys.path))):
-        fields = one.metadata  # read anew at each use
+        fields = one.metadata  # the property reads the file at each access
         packages.setdefault(fields["Name"].lower(), fields["Version"])
     return {
         "python": platform.python_version(),
@@ -50,7 +51,7 @@ def describe_provenance(sources: Iterable[str | Path]) -> dict[str, Any]:
 
 
 def list_platform_files() -> list[Path]:
-    """Source files of the whole platform, as paths from the repository's root, sorted."""
+    """List the platform's source files, sorted, relative to the working folder, the repository's root."""
     patterns = (
         "Snakefile",
         "src/**/*.*",
@@ -65,12 +66,15 @@ def list_platform_files() -> list[Path]:
 
 
 def read_commit() -> str | None:
-    """Commit of the checkout; None where there is none."""
+    """Return the commit of the platform's checkout; None outside a git checkout."""
     return _git("rev-parse", "HEAD")
 
 
 def _git(*arguments: str) -> str | None:
-    """Output of git in the platform's own checkout; another folder's git settings could run a program."""
+    """Return git's output in the platform's checkout, or None if git fails.
+
+    Git runs nowhere else: the settings of an unknown folder could make it run a program.
+    """
     home = find_home()
     if not (home / ".git").exists():
         return None

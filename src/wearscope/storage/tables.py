@@ -1,4 +1,4 @@
-"""Parquet tables with units in the column metadata and page checksums, written whole or not at all."""
+"""Writes Parquet tables atomically, with units in the column metadata and page checksums; reads them."""
 
 import json
 import os
@@ -23,13 +23,13 @@ _PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
 
 def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
-    """Arrow table of a data frame or a mapping of arrays, with units as field metadata.
+    """Convert a data frame or a mapping of arrays to an Arrow table, with units as field metadata.
 
     Parameters
     ----------
     columns : pandas.DataFrame or mapping of str to array (N,)
     units : mapping of str to str, optional
-        Unit by column, e.g. ``{"t": "s"}``; columns left out have none.
+        Unit by column, e.g. ``{"t": "s"}``; other columns have none.
     """
     if isinstance(columns, Mapping):
         table = pa.Table.from_arrays([to_array(x) for x in columns.values()], names=list(columns))
@@ -44,10 +44,10 @@ def to_arrow(columns: Any, units: Mapping[str, str] | None = None) -> pa.Table:
 
 
 def to_array(values: Any) -> Any:
-    """Arrow array of numbers or texts, taken as they are.
+    """Convert numbers or texts to an Arrow array.
 
-    Without `pyarrow.array`, which imports pandas to see whether the values are its: half a second that each
-    simulating process would spend.
+    Common types are converted here because `pyarrow.array` imports pandas, to check for its types. That
+    import would cost each simulating process half a second.
     """
     if isinstance(values, pa.Array | pa.ChunkedArray):
         return values
@@ -64,48 +64,48 @@ def to_array(values: Any) -> Any:
 
 
 def write_arrow(path: str | Path, table: pa.Table, **options: Any) -> None:
-    """Write a Parquet file whole or not at all; equal content gives equal bytes.
+    """Write a Parquet file atomically; equal content gives equal bytes.
 
     Parameters
     ----------
     path : path-like
     table : pyarrow.Table
     **options
-        Of `pyarrow.parquet.write_table`.
+        Options of `pyarrow.parquet.write_table`.
 
     Raises
     ------
     InputError
-        Where the disk refuses the file; nothing is left behind.
+        If the file cannot be written; no temporary file remains.
     """
     write_whole(path, lambda name: pq.write_table(table, name, **_PARQUET, **options))
 
 
 def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str] | None = None) -> int:
-    """Write one table of parts, each a row group, made one after the other and held one at a time.
+    """Write parts one after the other into a single table, each as a row group.
 
-    So memory does not grow with their number, and the rows of one part can be read alone.
-    A single part gives the bytes that `write_table` gives.
+    Only one part is in memory at a time, and a reader can load the rows of one part alone. A single part
+    gives the same bytes as `write_table`.
 
     Parameters
     ----------
     path : path-like
     parts : iterable of pandas.DataFrame or mapping of str to array
-        With the same columns, of the same types; at least one.
+        At least one; all with the same columns and types.
     units : mapping of str to str, optional
-        As in `write_table`.
+        Unit by column, as in `write_table`.
 
     Returns
     -------
     int
-        Rows written.
+        Number of rows written.
 
     Raises
     ------
     InputError
-        Where the disk refuses the file; nothing is left behind.
+        If the file cannot be written; no temporary file remains.
     ValueError
-        Where there is no part, or one has other columns or types than the first.
+        If there is no part, or one has other columns or types than the first.
     """
     rows = 0
 
@@ -130,7 +130,7 @@ def join_tables(path: str | Path, parts: Iterable[Any], units: Mapping[str, str]
 
 
 def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None = None) -> None:
-    """Write a Parquet table as `write_arrow` does.
+    """Write a data frame or arrays as a Parquet file, by `write_arrow`.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def write_table(path: str | Path, columns: Any, units: Mapping[str, str] | None 
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write a JSON file whole or not at all; a number that is not finite is null.
+    """Write a JSON file atomically; NaN and infinite numbers become null.
 
     Parameters
     ----------
@@ -154,6 +154,7 @@ def write_json(path: str | Path, content: Any) -> None:
 
 
 def _replace_missing(content: Any) -> Any:
+    """Return a content with None in place of NaN and infinite numbers."""
     if isinstance(content, Mapping):
         return {key: _replace_missing(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -164,27 +165,28 @@ def _replace_missing(content: Any) -> Any:
 
 
 def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, name: str = "") -> pa.Table:
-    """Read a Parquet file, its pages checked by their checksums.
+    """Read a Parquet file and check its page checksums.
 
-    A changed footer may pass; the checksums of a study (`wearscope.storage.files`) find it.
+    A change in the footer may pass this check; the checksum of the file (`check_file`) detects it.
 
     Parameters
     ----------
     source : path-like or bytes
         The file or its content.
     columns : list of str, optional
+        Columns to read; all by default.
     name : str
-        What messages call a content.
+        Name in messages, if `source` is a content.
 
     Raises
     ------
     DamagedFile
-        Where the file is missing, is no whole Parquet file, or a page of it has changed.
+        If the file is missing, incomplete, no Parquet file, or one of its pages has changed.
     """
     path = Path(name if isinstance(source, bytes) else source)
     try:
         content = source if isinstance(source, bytes) else path.read_bytes()
-        # Without `pq.read_table`, which imports pandas, as `pyarrow.array` does.
+        # `pq.read_table` would import pandas, which takes half a second.
         with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
             table = file.read(columns)
         table = table if columns is None else table.select(columns)
@@ -199,26 +201,26 @@ def read_arrow(source: str | Path | bytes, columns: list[str] | None = None, nam
 
 
 def check_unpacked(source: str | Path | bytes, name: str = "") -> int:
-    """Refuse a Parquet file that would take more memory than `wearscope.limits` says, before it is read.
+    """Refuse a Parquet file that would take too much memory (`limits.UNPACKED_BYTES`), before it is read.
 
     Parameters
     ----------
     source : path-like or bytes
         The file or its content.
     name : str
-        What messages call a content.
+        Name in messages, if `source` is a content.
 
     Returns
     -------
     int
-        Size of what is unpacked [bytes].
+        Size of the decompressed table [bytes].
 
     Raises
     ------
     InputError
-        Also where the file has too many columns, or is no plain file.
+        If the table is too large, has too many columns, or is no regular file.
     DamagedFile
-        Where it is no Parquet file.
+        If it is no Parquet file.
     """
     path = Path(name if isinstance(source, bytes) else source)
     if not isinstance(source, bytes) and path.exists() and not path.is_file():
@@ -246,7 +248,7 @@ def check_unpacked(source: str | Path | bytes, name: str = "") -> int:
 
 
 def check_size(size: int, path: Path) -> None:
-    """Refuse a table of more memory [bytes] than `wearscope.limits` says."""
+    """Refuse a table whose size in memory [bytes] exceeds `limits.UNPACKED_BYTES`."""
     if size > limits.UNPACKED_BYTES:
         raise InputError(
             f"{path}: takes {size / 1e9:.3g} GB of memory once it is unpacked, more than "
@@ -255,17 +257,17 @@ def check_size(size: int, path: Path) -> None:
 
 
 def read_table(path: str | Path, columns: list[str] | None = None) -> Any:
-    """Read a Parquet table as a pandas data frame; see `read_arrow`."""
+    """Read a Parquet table as a pandas data frame, by `read_arrow`."""
     return to_frame(read_arrow(path, columns), path)
 
 
 def to_frame(table: pa.Table, where: str | Path) -> Any:
-    """Data frame of a table; pandas metadata in the file is ignored.
+    """Convert an Arrow table to a data frame; metadata of pandas in the file is ignored.
 
     Raises
     ------
     InputError
-        Where a column is of a kind that no data frame holds, such as times of an unknown zone.
+        If a column's type has no equivalent in pandas, such as times of an unknown time zone.
     """
     try:
         return table.to_pandas(ignore_metadata=True)
@@ -276,13 +278,13 @@ def to_frame(table: pa.Table, where: str | Path) -> Any:
 
 
 class Parts:
-    """Parts of a table, one file each, read one after the other each time they are gone through.
+    """A table in several files. Each iteration reads them again, one after the other, as data frames.
 
     Parameters
     ----------
     paths : iterable of path-like
     columns : list of str, optional
-        What is read; all columns where left out.
+        Columns to read; all by default.
     """
 
     def __init__(self, paths: Iterable[str | Path], columns: list[str] | None = None) -> None:
@@ -296,7 +298,10 @@ class Parts:
             yield read_table(path, self.columns)
 
     def by(self, column: str, kept: Callable[[Any], Any] = lambda rows: rows) -> Iterator[Any]:
-        """Rows of each value of a column in turn; equal values must be adjacent. `kept` filters each part."""
+        """Yield a data frame for each value of a column; rows with equal values must be adjacent.
+
+        `kept` is applied to each part first, to select rows.
+        """
         import pandas as pd
 
         held: list[Any] = []
@@ -311,7 +316,7 @@ class Parts:
 
 
 def read_units(path: str | Path) -> dict[str, str]:
-    """Units by column as stored in a Parquet table's column metadata."""
+    """Return the unit of each column that has one in a Parquet table's metadata."""
     return {
         field.name: field.metadata[b"unit"].decode()
         for field in read_arrow(path).schema
@@ -320,7 +325,7 @@ def read_units(path: str | Path) -> dict[str, str]:
 
 
 def _footer_size(source: Path | bytes) -> int:
-    """Size of the footer of a Parquet file as it says [bytes]; 0 where it is none."""
+    """Return the stated size [bytes] of a Parquet file's footer; 0 if it is no Parquet file."""
     if isinstance(source, bytes):
         end = source[-8:]
     else:

@@ -1,4 +1,4 @@
-"""Reads ``verdict.json`` to compare and list loops, also a file from someone else; files next to it."""
+"""Reads and checks the ``verdict.json`` of a closed loop, also one from an unknown source."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,12 +9,14 @@ from wearscope import limits
 from wearscope.errors import InputError, explain_breach
 from wearscope.storage.files import check_shown, read_json
 
-#: Neither text nor a truth value is read as a number.
+#: A number or null; strict, so that pydantic does not convert a text or a boolean to a number.
 _Number = Annotated[float | None, Strict()]
 _Name = Annotated[str, Field(max_length=limits.TEXT)]
 
 
 class _Open(BaseModel):
+    """Part of a verdict; its unknown fields are accepted."""
+
     model_config = ConfigDict(extra="allow")
 
 
@@ -41,23 +43,24 @@ class _Verdict(_Open):
 
 
 def read_verdict(path: str | Path) -> dict[str, Any]:
-    """Content of a ``verdict.json``.
+    """Read a ``verdict.json``.
 
     Raises
     ------
     InputError
-        Where it cannot be read, or its joints and named effects are not as a loop writes them.
+        If it cannot be read, or its joints and effects are not in the form that a closed loop writes.
     """
     check_shown(path)
     return check_verdict(read_json(path), str(path))
 
 
 def check_verdict(content: Any, where: str) -> dict[str, Any]:
-    """Content of a ``verdict.json`` that was read; `where` is what the sentence calls it.
+    """Check the parsed content of a ``verdict.json`` and return it; `where` is its name in the message.
 
     Raises
     ------
     InputError
+        If its joints and effects are not in the form that a closed loop writes.
     """
     try:
         _Verdict.model_validate(content)
@@ -67,5 +70,8 @@ def check_verdict(content: Any, where: str) -> dict[str, Any]:
 
 
 def drawn_path(stage: str, number: int) -> str:
-    """Path of a drawn model in the folder of its loop; `stage` is before or after, `number` from 1."""
+    """Return the path, in a closed loop's folder, of a model drawn from the uncertainty of its estimate.
+
+    `stage` is "before" or "after" the correction; `number` counts from 1.
+    """
     return f"drawn/{stage}-{number:02d}.yaml"

@@ -1,4 +1,5 @@
-"""The twin for the simulator; only here does the board's truth meet the platform's models and effects.
+"""Models the twin with the platform's own effects, so that the platform's simulator can run it.
 
-The generator next to this package shares no code with them; a test compares both.
+The twin's generator (`wearscope.demonstration.twin`) shares no code with these effects, so that it is an
+independent reference. A test compares the torques of both.
 """

@@ -1,4 +1,4 @@
-"""The twin's gas spring: two pins and a polytropic gas, as `wearscope.demonstration.twin` has it."""
+"""Gas spring of the twin, between two pins and with polytropic gas; see `wearscope.demonstration.twin`."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The twin as it truly is, for the simulator: what a study of its models is compared with."""
+"""Makes the true model of the twin, for comparison with the models that a closed loop gives."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,29 +8,31 @@ from wearscope.demonstration.twin import SECRETS, TWIN, write_urdf
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
-#: Torques for which the vocabulary has no exact form.
+#: Files of the twin's torques that no built-in effect describes exactly.
 OWN_EFFECTS = {
     name: str(Path(__file__).with_name(f"{name}.py")) for name in ("gas_spring_torque", "thinning_oil")
 }
+#: Force of the relaxed gas spring [N].
 FORCE = 1300.0
+#: Coulomb friction per transmitted torque [-].
 LOAD_SHARE = 0.045
 
 
 def make_true_model(model: RobotModel, truth: Mapping[str, Any]) -> RobotModel:
-    """The twin's own torques in place of what a closed loop found.
+    """Replace the effects in a model of the twin by the twin's true ones.
 
     Parameters
     ----------
     model : RobotModel
-        From the loop closed on the twin: its limits, home, sensors and payload stay, so that both do the
-        same motions.
+        Model that a closed loop made for the twin. Limits, home position, sensors and payload are kept, so
+        that both models perform the same motions.
     truth : mapping
-        As `wearscope.demonstration.twin.record_twin` wrote it.
+        What `wearscope.demonstration.twin.record_twin` returned.
 
     Raises
     ------
     InputError
-        Where the truth is not the twin's.
+        If the truth belongs to another robot.
     """
     planted = [one["effect"] for one in truth["planted"]]
     if truth["robot"] != TWIN.name or not set(planted) <= set(SECRETS):

@@ -1,4 +1,4 @@
-"""The twin's viscous friction, which falls exponentially with temperature."""
+"""Viscous friction of the twin, which decreases exponentially with temperature."""
 
 import numpy as np
 
