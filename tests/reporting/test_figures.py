@@ -34,8 +34,8 @@ def test_sensitivity_of_one_group_of_all(study):
 def test_far_values_get_a_logarithmic_scale():
     with figure_style():
         ax = new_figure(2, 2).subplots()
-    assert not use_symlog(ax, "y", [1.0, -15.0, np.nan])
-    assert use_symlog(ax, "y", [1.0, -150.0, np.inf]) and ax.get_yscale() == "symlog"
+    assert not use_symlog(ax, [1.0, -15.0, np.nan])
+    assert use_symlog(ax, [1.0, -150.0, np.inf]) and ax.get_yscale() == "symlog"
 
 
 def test_snr_counts_missing_cells_and_ranks(study):

@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.dataset_fields import (
 )
 from wearscope.closed_loop.intake.field_checks import list_conflicts
 from wearscope.closed_loop.intake.plausibility import check_plausibility
-from wearscope.closed_loop.intake.table_files import read_columns, take_joints
+from wearscope.closed_loop.intake.table_files import read_columns, take_positions
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.posing import find_prismatic, load_named_effects
@@ -79,7 +79,7 @@ def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
     for run in fields.runs:
         with suppress(InputError):  # `list_run_problems` reports missing and unreadable files
             path = find_inside(folder, run.file, "runs[].file")
-            if not np.ptp(take_joints(path, read_columns(path), "q", fields.robot.joints), axis=0).any():
+            if not np.ptp(take_positions(path, read_columns(path), fields.robot.joints), axis=0).any():
                 resting.append(f"{path}: is constant, no joint moves in it; record it again or leave it out.")
     return resting
 

@@ -81,7 +81,7 @@ def _draw_terms(ax: Axes, name: str, group: pd.DataFrame, terms: Sequence[str], 
         ax.axhline(level, color="#777777", lw=0.7, ls=look, zorder=1)
     values = [group.loc[group["term"] == term, "theta_normalised"] for term in terms]
     _draw_boxes(ax, values, [colour] * len(terms))
-    use_symlog(ax, "y", group["theta_normalised"])
+    use_symlog(ax, group["theta_normalised"])
     fault = group[group["term"] == "f"]
     parts = [count_text(len(fault), "cell")]
     unknown = int((~np.isfinite(fault["theta_normalised"].to_numpy(dtype=float))).sum())
@@ -160,7 +160,7 @@ def _draw_cells(ax: Axes, groups: Mapping[str, pd.DataFrame], tints: Mapping[str
         look = {"mfc": "none", "mec": WARNING, "ms": 6, "mew": 1.1, "label": "y falls with wear"}
         ax.plot(falling["place"], falling["snr"], "o", **look)
     ax.axhline(0, color="#999999", lw=0.7, zorder=0)
-    use_symlog(ax, "y", table["snr"], 10.0)
+    use_symlog(ax, table["snr"], 10.0)
     missing = {name: len(rows) - finite(rows["snr"]).size for name, rows in groups.items()}
     labels = [
         f"{name}\n{len(rows)} cells" + (f"\n{missing[name]} n/a" if missing[name] else "")
@@ -199,8 +199,8 @@ def _draw_boxes(ax: Axes, values: Sequence[object], tints: Sequence[str], width:
         )  # fmt: skip
 
 
-def use_symlog(ax: Axes, axis: str, values: object, threshold: float = 1.0) -> bool:
-    """Scale an axis linearly within +-`threshold` and logarithmically beyond, where values reach far.
+def use_symlog(ax: Axes, values: object, threshold: float = 1.0) -> bool:
+    """Scale the vertical axis linearly within ±`threshold` and logarithmically beyond, if values reach far.
 
     Returns
     -------
@@ -210,9 +210,9 @@ def use_symlog(ax: Axes, axis: str, values: object, threshold: float = 1.0) -> b
     good = np.abs(finite(values))
     if not good.size or good.max() <= 20 * threshold:
         return False
-    getattr(ax, f"set_{axis}scale")("symlog", linthresh=threshold, linscale=1.0)
-    getattr(ax, f"{axis}axis").set_major_formatter("{x:g}")
-    ax.margins(x=0.06) if axis == "x" else ax.margins(y=0.06)
+    ax.set_yscale("symlog", linthresh=threshold, linscale=1.0)
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.margins(y=0.06)
     return True
 
 

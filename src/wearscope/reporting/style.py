@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import matplotlib
 from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -39,21 +38,19 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height))
 
 
-def figure_bytes(figure: Figure, kind: str = "svg", dpi: float | None = None) -> bytes:
+def figure_bytes(figure: Figure, kind: str = "svg") -> bytes:
     """Figure as SVG or PNG; equal figures give equal bytes.
 
     Parameters
     ----------
     figure : Figure
     kind : {"svg", "png"}
-    dpi : float, optional
-        Dots an inch of a PNG, and of images within an SVG.
     """
     for text in figure.findobj(Text):  # a '$' of a name or description begins no formula
         text.set_parse_math("mathdefault" in text.get_text())  # type: ignore[attr-defined]
     target = io.BytesIO()
     metadata: Mapping[str, str | None] = _METADATA if kind == "svg" else {"Software": None}
-    with figure_style(), matplotlib.rc_context({"savefig.dpi": dpi or matplotlib.rcParams["savefig.dpi"]}):
+    with figure_style():
         figure.savefig(target, format=kind, metadata=dict(metadata))
     return target.getvalue()
 

@@ -101,11 +101,6 @@ def plain_term(effect: Effect, joint: int, shape: Sequence[float] | None = None)
     return ModelTerm(effect, joint, numbers, tuple(int(k) for k in effect.subsets()[0]))
 
 
-def make_friction_change(joint: int) -> Change:
-    """Change of a joint's plain friction as a whole; every joint has some."""
-    return Change(FRICTION, joint, tuple(plain_term(effect, joint) for effect in plain_friction()), FRICTION)
-
-
 def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
     """All possible changes: those of each joint that moves in the reference, and a body on every link.
 
@@ -128,7 +123,9 @@ def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
             terms = tuple(entry for entry, _ in friction)
             whole = Change(f"all {FRICTION}", joint, terms, FRICTION, weights=weights)
             found[whole.key] = whole
-        plain = make_friction_change(joint)
+        # Every joint has some plain friction, which may change as a whole.
+        terms = tuple(plain_term(effect, joint) for effect in plain_friction())
+        plain = Change(FRICTION, joint, terms, FRICTION)
         found[plain.key] = plain
         present = {entry.effect.name for entry, _ in own}
         for place, effect in enumerate(session_effects()):

@@ -1,6 +1,6 @@
 """Forward simulation of the models before and after along the measured motion, against the recording."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -161,7 +161,7 @@ def _simulate_run(
             said[stage] = "ok"
         except SimulationError as error:
             stops = list(_find_stops(partial(simulate, stage), models["before"], models[stage]))
-            said[stage] = f"failed: {error}{_tell_stops(stops)}"
+            said[stage] = f"failed: {error}" + (f" Without {' or '.join(stops)} it runs." if stops else "")
         except InputError as error:
             said[stage] = f"failed: {error}"
     return simulated, keep, said
@@ -179,10 +179,6 @@ def _find_stops(
         except (SimulationError, InputError):
             continue
         yield f"{entry['effect'].replace('_', ' ')} at {entry['joint']}"
-
-
-def _tell_stops(stops: Sequence[str]) -> str:
-    return f" Without {' or '.join(stops)} it runs." if stops else ""
 
 
 def measured_motor_torque(model: RobotModel, run: PreparedRun) -> np.ndarray:

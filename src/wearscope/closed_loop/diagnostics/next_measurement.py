@@ -98,7 +98,6 @@ def list_plans(
     joints: Sequence[int],
     payloads: Sequence[PayloadFields | None],
     temperatures: list[float],
-    cycles: Sequence[str],
     chosen: Collection[str] | None = None,
 ) -> Iterator[Plan]:
     """Plans that the robot can follow.
@@ -113,10 +112,8 @@ def list_plans(
     payloads : sequence of PayloadFields or None
     temperatures : list of float
         Temperatures at the start [deg C].
-    cycles : sequence of str
-        Test-cycles to compare with the generated motions.
     chosen : collection of str, optional
-        Names of the motions and cycles to plan; all by default.
+        Names of the generated motions and test-cycles to plan; all by default.
     """
     step = 1.0 / prepared.band.rate
     moving = [int(j) for j in np.flatnonzero(prepared.moving)]
@@ -124,7 +121,7 @@ def list_plans(
     built: list[tuple[str, PlannedMotion | None, Callable[[RobotModel, float, float], Reference]]] = [
         (motion.name, motion, motion.build) for motion in (one.plan_within(model) for one in motions)
     ]
-    for name in cycles:
+    for name in list_cycles():
         cycle = load_cycle(name)
         built.append((cycle.name, None, cycle.build))
     for name, motion, build in built:
@@ -153,9 +150,7 @@ def hold_still(reference: Reference, moving: np.ndarray, model: RobotModel) -> R
 
 
 def plan_measurements(
-    diagnosis: Outcome,
-    progress: Callable[[str], None] = lambda _: None,
-    cycles: Sequence[str] | None = None,
+    diagnosis: Outcome, progress: Callable[[str], None] = lambda _: None
 ) -> list[NextMeasurement]:
     """For each term that has equivalents, the run that tells them apart best.
 
@@ -168,13 +163,12 @@ def plan_measurements(
     ----------
     diagnosis : Outcome
     progress : callable
-    cycles : sequence of str, optional
-        Test-cycles to compare with the generated motions; those of the platform by default.
+
     """
     prepared, after = diagnosis.prepared, diagnosis.proposed
     first = len(after.entries) - len(diagnosis.attributions)
     model = planning_model(prepared, diagnosis.models["before"])
-    cycles = list_cycles() if cycles is None else cycles
+
     comparisons: list[_Comparison] = []
     for number, named in enumerate(diagnosis.attributions):
         if not named.equivalent:
@@ -189,14 +183,12 @@ def plan_measurements(
         comparisons.append(_Comparison(rivalry, joint))
     payloads, temperatures = list_payloads(prepared), list_temperatures(prepared)
     if joints := [one.joint for one in comparisons]:
-        _compare(
-            comparisons, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1], cycles)
-        )
+        _compare(comparisons, prepared, list_plans(prepared, model, joints, payloads[:1], temperatures[:1]))
     for one in comparisons:
         likeliest = sorted(one.values, key=lambda name: -one.values[name])[:_REFINED]
         starts = temperatures if one.is_warm else temperatures[:1]
         for others in ((payloads[1:], starts), (payloads[:1], starts[1:])):
-            _compare([one], prepared, list_plans(prepared, model, [one.joint], *others, cycles, likeliest))
+            _compare([one], prepared, list_plans(prepared, model, [one.joint], *others, likeliest))
     return [_promise(one, prepared, *one.best) for one in comparisons if one.best is not None]
 
 

@@ -48,7 +48,7 @@ def profile_residuals(residual: pd.DataFrame, signals: pd.DataFrame) -> pd.DataF
     return pd.concat(parts, ignore_index=True)
 
 
-def bin_quartiles(x: Array, y: Array, bins: int = BINS) -> dict[str, Array]:
+def bin_quartiles(x: Array, y: Array) -> dict[str, Array]:
     """``x`` (middle), ``median``, ``low``, ``high`` and ``n`` of `y` in bins of equal width of `x`.
 
     Bins span all but the outermost 0.2 % of `x` at either end; those with fewer than `FEWEST` values are left
@@ -63,10 +63,10 @@ def bin_quartiles(x: Array, y: Array, bins: int = BINS) -> dict[str, Array]:
     if not high > low:
         middle = (np.median(x), *np.quantile(y, [0.5, 0.25, 0.75]), len(x))
         return {name: np.array([value]) for name, value in zip(names, middle, strict=True)}
-    edges = np.linspace(low, high, bins + 1)
+    edges = np.linspace(low, high, BINS + 1)
     place = np.digitize(x, edges) - 1
     rows = []
-    for k in range(bins):
+    for k in range(BINS):
         inside = y[place == k]
         if len(inside) >= FEWEST:
             middle = 0.5 * (edges[k] + edges[k + 1])

@@ -28,7 +28,7 @@ from wearscope.closed_loop.intake.field_checks import check_fields
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
 from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_run
 from wearscope.closed_loop.intake.servo import merge_notes, take_torques
-from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_joints
+from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_positions
 from wearscope.errors import InputError
 
 #: Lowest and highest believable temperature of a machine [deg C].
@@ -130,7 +130,7 @@ def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
     uncounted = [fields.readings()[joint] == "none" for joint in joints]
     named = {f"tau_{joint}" for joint, one in zip(joints, uncounted, strict=True) if one}
     frame = frame.assign(**dict.fromkeys(named - set(frame.columns), 0.0))
-    q = take_joints(path, frame, "q", joints)
+    q = take_positions(path, frame, joints)
     torque = take_torques(path, frame, joints, fields.servos, t, q)
     torque.off[:, uncounted] = True
     speed = take_given(path, frame, "qd", joints)

@@ -159,9 +159,9 @@ def _first_text(series: pd.Series) -> tuple[int, str]:
     return row, ascii(str(series.iloc[row])[:30])
 
 
-def take_joints(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray:
-    """Columns (N, n) of one kind; all must be there."""
-    return np.column_stack([take_column(path, frame, f"{kind}_{joint}") for joint in joints])
+def take_positions(path: Path, frame: pd.DataFrame, joints: list[str]) -> np.ndarray:
+    """Position columns (N, n) of all joints; all must be there."""
+    return np.column_stack([take_column(path, frame, f"q_{joint}") for joint in joints])
 
 
 def take_given(path: Path, frame: pd.DataFrame, kind: str, joints: list[str]) -> np.ndarray | None:

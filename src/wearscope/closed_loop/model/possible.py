@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.prediction import refit
 from wearscope.closed_loop.model.regression import Regression
-from wearscope.effects.base import Parameter
 
 #: Likely causes of such an estimate, by the signal that the effect depends on.
 _CAUSES = {
@@ -105,12 +103,8 @@ def list_beyond(model: Regression) -> list[tuple[int, int, Impossible, float]]:
         effect, joint = model.entries[i].effect, model.entries[i].joint
         p = effect.coefficients[k]
         low, high = estimates[i].intervals.get(p.name, (-np.inf, np.inf))
-        unit = _unit(prepared, joint, p)
+        unit = p.unit_at(prepared.dataset.position_unit[joint], prepared.dataset.torque_unit[joint])
         causes = _CAUSES["qdd_{joint}" if "qdd_{joint}" in effect.depends_on else ""]
         one = Impossible(joint, effect.name, p.name, unit, value, (low, high), causes)
         found.append((i, k, one, abs(value) / max(high - low, 1e-300)))
     return found
-
-
-def _unit(prepared: Prepared, joint: int, parameter: Parameter) -> str:
-    return parameter.unit_at(prepared.dataset.position_unit[joint], prepared.dataset.torque_unit[joint])

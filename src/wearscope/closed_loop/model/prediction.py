@@ -19,6 +19,8 @@ from wearscope.effects.base import MeasurementEffect, Signals
 
 #: Iterations of the fit where a term acts on the prediction of the others.
 _PASSES = 4
+#: Number of resamplings for an interval.
+_DRAWS = 400
 #: Two runs repeat each other where their positions differ by less than this share of the reach (RMS). Samples
 #: this time apart [s] are compared first.
 _SAME, _LOOK = 0.01, 0.5
@@ -168,11 +170,9 @@ def pooled_rms(parts: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     return rms(np.concatenate([r for r, _ in parts]), np.concatenate([k for _, k in parts]))
 
 
-def bootstrap_rms(
-    parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int, draws: int = 400
-) -> np.ndarray:
+def bootstrap_rms(parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int) -> np.ndarray:
     """95 % interval (2, n) of the pooled rms, resampling blocks of `rows` rows."""
-    return _interval(_draw_rms(parts, rows, seed, draws))
+    return _interval(_draw_rms(parts, rows, seed))
 
 
 def _interval(drawn: np.ndarray) -> np.ndarray:
@@ -196,10 +196,8 @@ def bootstrap_change(
     return change, _interval(drawn)
 
 
-def _draw_rms(
-    parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int, draws: int = 400
-) -> np.ndarray:
-    """Pooled rms (draws, n) of blocks of `rows` rows drawn with replacement."""
+def _draw_rms(parts: list[tuple[np.ndarray, np.ndarray]], rows: int, seed: int) -> np.ndarray:
+    """Pooled rms (`_DRAWS`, n) of blocks of `rows` rows drawn with replacement."""
     squares, counts = [], []
     for residual, keep in parts:
         for start in range(0, len(residual), rows):
@@ -208,7 +206,7 @@ def _draw_rms(
             counts.append(keep[block].sum(axis=0))
     square, count = np.array(squares), np.array(counts)
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(square)]))
-    pick = rng.integers(0, len(square), (draws, len(square)))
+    pick = rng.integers(0, len(square), (_DRAWS, len(square)))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.sqrt(square[pick].sum(axis=1) / count[pick].sum(axis=1)))
 

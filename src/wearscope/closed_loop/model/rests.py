@@ -108,11 +108,6 @@ def measure_left(model: Regression, joint: int, rests: Sequence[Rest], length: i
     return Left(still, np.array([rest.forwards for rest in rests], dtype=bool), np.concatenate(moving), error)
 
 
-def median_length(rests: Sequence[Rest]) -> int:
-    """Usual number of rows in the middle of a rest."""
-    return max(1, int(np.median([rest.rows.stop - rest.rows.start for rest in rests])))
-
-
 def is_refuted(one: Left, other: Left) -> bool:
     """Whether rests refute a name while another name fits them.
 
@@ -166,7 +161,7 @@ def settle_at_rest(
     models = {0: model} | {
         k: replace_term(model, index, term) for k, term in enumerate(rivals, start=1) if term is not None
     }
-    length = median_length(rests)
+    length = max(1, int(np.median([rest.rows.stop - rest.rows.start for rest in rests])))
     left = {k: measure_left(one, joint, rests, length) for k, one in models.items()}
     refuted = {k for k in left for other in left if other != k and is_refuted(left[k], left[other])}
     stays = [k for k in every if k not in refuted]

@@ -106,10 +106,10 @@ class Chart:
         }
 
 
-def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
+def pack_table(frame: pd.DataFrame) -> str:
     """Table for a page: columns as JSON, gzipped, in base64; equal tables give equal text.
 
-    Numbers keep `digits` significant digits; values that are not finite become null. A column of text becomes
+    Numbers keep `DIGITS` significant digits; values that are not finite become null. A column of text becomes
     codes with a list of their values.
     """
     columns: dict[str, Any] = {}
@@ -118,7 +118,7 @@ def pack_table(frame: pd.DataFrame, digits: int = DIGITS) -> str:
         if pd.api.types.is_bool_dtype(column) or pd.api.types.is_integer_dtype(column):
             columns[str(name)] = column.astype(int).tolist()
         elif pd.api.types.is_numeric_dtype(column):
-            columns[str(name)] = round_digits(column.to_numpy(dtype=float), digits)
+            columns[str(name)] = round_digits(column.to_numpy(dtype=float))
         else:
             codes, values = pd.factorize(column.astype(str), sort=True)
             columns[str(name)] = {"codes": codes.tolist(), "values": [str(value) for value in values]}

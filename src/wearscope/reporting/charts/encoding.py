@@ -49,9 +49,9 @@ def tint(field: str, tints: Mapping[str, str], **options: Any) -> alt.Color:
     return alt.Color(field, **{"title": None} | options, scale=scale)
 
 
-def detector_tint(names: Mapping[str, str], legend: bool = True) -> alt.Color:
+def detector_tint(names: Mapping[str, str]) -> alt.Color:
     """Colour by detector, the same on all charts; the legend names them."""
-    told = alt.Legend(labelExpr=_name_labels(names), symbolOpacity=1) if legend else None
+    told = alt.Legend(labelExpr=_name_labels(names), symbolOpacity=1)
     return alt.Color("fda:N", title="detector", scale=alt.Scale(domain=list(names)), legend=told)
 
 

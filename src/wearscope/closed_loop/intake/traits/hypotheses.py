@@ -456,10 +456,6 @@ def _tell_exchanges(r: Reading, rows: Rows) -> Told | None:
     return (" ".join(sentences), tuple(codes)) if sentences else None
 
 
-def _is_small(r: Reading) -> bool:
-    return not any(map(is_off, r.size))
-
-
 #: Every trait, in the order of the sentences about them.
 TRAITS = (
     Trait(_propose_gravity, _tell_gravity),
@@ -470,7 +466,7 @@ TRAITS = (
     Trait(_propose_zeros, _tell_zeros),
     Trait(_propose_clocks, _tell_clocks),
     Trait(_propose_delays, _tell_delays, lambda r: max(abs(r.delay), abs(r.lag)) < LATE),
-    Trait(_propose_sizes, _tell_sizes, _is_small),
+    Trait(_propose_sizes, _tell_sizes, lambda r: not any(map(is_off, r.size))),
 )
 
 
