@@ -314,29 +314,27 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
     sessions are no noise: they have random effects of their own.
     """
     train = [make_rows(structure, run) for run in diagnosis.prepared.runs_for("train")]
-    size, count, left = np.zeros((3, structure.n)), np.zeros(structure.n), np.zeros(structure.n)
-    together, apart = np.zeros((3, structure.n)), np.zeros((3, structure.n))
-    for rows, residual in zip(train, leave_scatter(structure, train), strict=True):
-        run, signals, keep = rows.run, rows.signals, rows.weights > 0
-        friction = np.zeros_like(signals.q)
-        for entry, span in zip(structure.entries, structure.spans, strict=True):
-            if entry.effect.is_friction:
-                friction += entry.columns(signals) @ structure.theta[span]
-        predicted = rows.columns[..., : structure.count] @ structure.theta
-        speed, sign = run.reduce(signals.v), run.reduce(signals.sign)
-        torque = run.reduce(run.known) + predicted
-        for k, x in enumerate((run.reduce(friction), torque, speed)):
-            size[k] += (x**2 * keep).sum(axis=0)
-        for k, direction in enumerate((np.ones_like(sign), sign, speed)):
-            together[k] += (np.add.reduceat(direction * residual, rows.starts, axis=0) ** 2).sum(axis=0)
-            apart[k] += ((direction * residual) ** 2).sum(axis=0)
-        count += keep.sum(axis=0)
-        left += (residual**2).sum(axis=0)
-    friction, torque, speed = np.sqrt(size / np.maximum(count, 1))
-    white = np.sqrt(np.maximum(left / np.maximum(count, 1), 1e-18))
-    memory = np.maximum((together / np.maximum(apart, 1e-300)).max(axis=0), 1.0)
-    friction = np.maximum.reduce([friction, _LEAST_FRICTION * torque, _LEAST_OF_NOISE * white])
-    return Scales(friction, np.maximum(torque, friction), np.maximum(speed, 1e-9), white * np.sqrt(memory))
+    keep = np.concatenate([r.weights > 0 for r in train])
+    left = np.concatenate(leave_scatter(structure, train))
+    columns = np.concatenate([r.columns[..., : structure.count] for r in train])
+    known = np.concatenate([r.run.measured - r.target for r in train])
+    rubbing = np.zeros_like(structure.theta)
+    for entry, span in zip(structure.entries, structure.spans, strict=True):
+        rubbing[span] = structure.theta[span] * entry.effect.is_friction
+    friction, torque = columns @ rubbing, known + columns @ structure.theta
+    speed = np.concatenate([r.run.reduce(r.signals.v) for r in train])
+    sign = np.concatenate([r.run.reduce(r.signals.sign) for r in train])
+    firsts = np.cumsum([0, *(len(r.target) for r in train[:-1])])
+    starts = np.concatenate([first + r.starts for first, r in zip(firsts, train, strict=True)])
+    memory = np.ones(structure.n)
+    for direction in (np.ones_like(sign), sign, speed):
+        together = (np.add.reduceat(direction * left, starts, axis=0) ** 2).sum(axis=0)
+        memory = np.maximum(memory, together / np.maximum(((direction * left) ** 2).sum(axis=0), 1e-300))
+    count = np.maximum(keep.sum(axis=0), 1)
+    sizes = [np.sqrt((x**2 * keep).sum(axis=0) / count) for x in (friction, torque, speed, left)]
+    white = np.maximum(sizes[3], 1e-9)
+    usual = np.maximum.reduce([sizes[0], _LEAST_FRICTION * sizes[1], _LEAST_OF_NOISE * white])
+    return Scales(usual, np.maximum(sizes[1], usual), np.maximum(sizes[2], 1e-9), white * np.sqrt(memory))
 
 
 def leave_scatter(structure: Structure, made: Sequence[RunRows]) -> list[np.ndarray]:
