@@ -75,9 +75,13 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
         added = float(mass[heavier].mean() - mass[~heavier].mean())
-        # The difference of a run's halves is twice the error of their mean, known with one degree of freedom.
         each_way = 1.0 / heavier.sum() + 1.0 / (~heavier).sum()
-        wide = stats.t.ppf(0.975, len(error)) * 0.5 * float(np.sqrt(np.mean(error**2) * each_way))
+        # Runs with one load may differ by more than the halves of each, whose difference is twice the error
+        # of their mean.
+        apart = mass - np.where(heavier, mass[heavier].mean(), mass[~heavier].mean())
+        free = max(len(mass) - 2, 1)
+        squares = {len(mass): 0.25 * float(np.mean(error**2)), free: float(apart @ apart) / free}
+        wide = max(stats.t.ppf(0.975, dof) * np.sqrt(one * each_way) for dof, one in squares.items())
         heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
         # As many decimals as the interval's first significant digit needs.
