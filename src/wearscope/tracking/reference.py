@@ -376,7 +376,7 @@ def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray)
         for k, j in enumerate(moving):
             for viscous in (False, True):
                 column = structure.friction_column(r.signals, int(j), viscous)
-                x[:, j, start + 2 * k + viscous] = PRIOR_FRICTION * r.run.reduce(column)
+                x[:, j, start + 2 * k + viscous] = PRIOR_FRICTION * r.run.reduce_columns(column, int(j))
         x = (x * r.weights[:, :, None]).reshape(-1, size)
         y = (r.target * r.weights).ravel()
         hessian += x.T @ x

@@ -75,7 +75,7 @@ def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
 
 def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
     """Regressors (N, n, p) after the common filter, (M, n, p); there may be none."""
-    return run.reduce(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))
+    return run.reduce_columns(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))
 
 
 def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:

@@ -182,7 +182,7 @@ def _gather(
         parts = []
         for i in own:
             run = predicted[i].run
-            load = run.reduce(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
+            load = run.reduce_columns(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
             model = known.get(id(run))
             model = after.take_columns(run, find_signals(after, theta, run)) if model is None else model
             late = np.broadcast_to((run.t >= middle)[:, None], keep[i].shape)[keep[i]]

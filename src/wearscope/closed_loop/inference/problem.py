@@ -164,7 +164,7 @@ class Problem:
         parts: list[list[np.ndarray]] = []
         for run in self.train:
             columns = [_solve_bent(effect, joint, run, c, inertia) for c in values]
-            parts.append([run.reduce(x) for x in columns])
+            parts.append([run.reduce_columns(x) for x in columns])
         stacked = np.concatenate([np.concatenate(own, axis=-1) for own in parts])
         felt = tuple(j for j in range(s.q.shape[1]) if self.prepared.moving[j] and np.any(stacked[:, j]))
         rows = tuple(np.ascontiguousarray(stacked[:, j]) for j in felt)

@@ -120,12 +120,14 @@ def low_pass(x: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _thinning(length: int, band: "Band") -> sparse.csr_matrix:
-    """`low_pass` at the common cut-off and the choice of rows as one sparse matrix (M, N).
+def thinning(length: int, band: "Band") -> sparse.csr_matrix:
+    """The common filter and the choice of rows, edges cut, as one sparse matrix (M, N).
 
     The filter's impulse response is cut where it has fallen below 1e-4 of its peak; beyond the ends the
     signal is extended by odd reflection, as `low_pass` does.
     """
+    if band.torque >= 0.45 * band.rate:
+        return sparse.eye(length, format="csr")[rows(band, length)]
     half = int(_REACH * band.rate / band.torque)
     impulse = np.zeros(4 * half + 1)
     impulse[2 * half] = 1.0
@@ -153,9 +155,7 @@ def _thinning(length: int, band: "Band") -> sparse.csr_matrix:
 
 def thin(x: np.ndarray, band: "Band") -> np.ndarray:
     """Common filter, then one row in `Band.stride`, edges cut: (N, K) to (M, K)."""
-    if band.torque >= 0.45 * band.rate:
-        return x[rows(band, len(x))]
-    return _thinning(len(x), band) @ x
+    return thinning(len(x), band) @ x
 
 
 def choose_factor(rate: float, motion: float, torque: float) -> int:

@@ -11,6 +11,7 @@ from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
 from wearscope.closed_loop.intake.lost_motion import choose_lost_motion_cutoffs
+from wearscope.closed_loop.intake.rough_model import RestBridge
 from wearscope.effects.base import Parameter, Signals
 from wearscope.errors import InputError
 
@@ -48,6 +49,8 @@ class PreparedRun:
         Samples of a rest, at which there is no direction of motion.
     factor : int
         One of so many samples of the recording is kept.
+    bridges : dict of int to RestBridge
+        By joint that rests, what replaces a torque at rest before the common filter.
     """
 
     file: str
@@ -64,6 +67,7 @@ class PreparedRun:
     session: str | None = None
     resting: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     factor: int = 1
+    bridges: dict[int, RestBridge] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -74,11 +78,32 @@ class PreparedRun:
         """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
         return thin(x.reshape(len(x), -1), self.band).reshape(-1, *x.shape[1:])
 
+    def reduce_columns(self, x: np.ndarray, joint: int | None = None) -> np.ndarray:
+        """Regressors of torques after the common filter, rests bridged as in `measured`.
+
+        Parameters
+        ----------
+        x : ndarray (N, n, ...), or (N, ...) of one joint
+        joint : int, optional
+            The one joint.
+        """
+        reduced = self.reduce(x)
+        for j, bridge in self.bridges.items():
+            if joint is None or joint == j:
+                at = np.s_[:, j] if joint is None else np.s_[:]
+                changed = bridge.change(x[at].reshape(len(x), -1))
+                reduced[at] += changed.reshape(reduced[at].shape)
+        return reduced
+
+    def reduce_torque(self, x: np.ndarray) -> np.ndarray:
+        """Torques (N, n) of a machine along the motion after the common filter, rests bridged: (M, n)."""
+        return self.reduce(self.known) + self.reduce_columns(x - self.known)
+
     @cached_property
     def bodies(self) -> np.ndarray:
         """Regressor (M, n, 10 n) of the links' inertial parameters after the common filter."""
         s = self.signals
-        return self.reduce(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
+        return self.reduce_columns(s.rigid_body.inertial_regressor(s.q, s.v, s.a))
 
 
 @dataclass

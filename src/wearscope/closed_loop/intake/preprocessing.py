@@ -23,7 +23,6 @@ from wearscope.closed_loop.intake.filtering import (
     decimate,
     differentiate_run,
     rows,
-    thin,
 )
 from wearscope.closed_loop.intake.prepared import (
     LEAST_ROWS,
@@ -245,9 +244,7 @@ def finish_run(
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
-    moving = bridge_rest(tau, known, signals.a, signals.v, _thin_marks(rest, factor))
-    resting = rest[::factor]
-    return PreparedRun(
+    prepared = PreparedRun(
         run.file,
         run.use,
         signals,
@@ -255,14 +252,16 @@ def finish_run(
         known,
         band,
         keep=~bad[at],
-        measured=np.where(resting[at], thin(tau, band), thin(moving, band)),
+        measured=tau,
         t=signals.t[at],
         start=run.start,
         piece=run.piece,
         session=run.session,
-        resting=resting,
+        resting=rest[::factor],
         factor=factor,
+        bridges=bridge_rest(tau - known, known, signals.a, signals.v, _thin_marks(rest, factor), band),
     )
+    return replace(prepared, measured=prepared.reduce_torque(tau))
 
 
 def cut_ends(source: Source, made: Motion, count: int) -> tuple[Source, Motion]:

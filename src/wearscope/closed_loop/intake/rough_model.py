@@ -8,7 +8,9 @@ friction's reversal is, and whether the columns hold what the data set says.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
+from scipy import optimize, sparse
+
+from wearscope.closed_loop.intake.filtering import Band, rows, thinning
 
 #: Only the middle of a torque's range is fitted, if it holds at least this share of the samples. Where
 #: friction makes nearly all of a torque, the middle holds only reversals and rest, so all of it is fitted.
@@ -126,32 +128,71 @@ def predict_rough(runs: list[RoughRun], inner: bool) -> list[np.ndarray]:
     return predicted
 
 
-def bridge_rest(
-    tau: np.ndarray, known: np.ndarray, a: np.ndarray, v: np.ndarray, rest: np.ndarray
-) -> np.ndarray:
-    """Torque (N, n) whose samples at rest are replaced by the rough model's torque, without static friction.
+@dataclass(frozen=True)
+class RestBridge:
+    """Replacement of a joint's torque at rest by what the rough model says from its torque in motion.
 
-    Static friction may have any value, which no regressor follows, and a filter would carry it into the
-    motion before and after. A joint's own motion may tell little of its rigid-body factor, as about an
-    upright axis; a prior then keeps the factor near 1.
+    Static friction may have any value, which no regressor follows, and the common filter would carry it into
+    the motion before and after. The replacement is linear: the measured torque and each regressor pass
+    through the same one, so that rests do not tell two regressors apart that are alike in motion.
+
+    Attributes
+    ----------
+    rest : ndarray (N,) of bool
+    columns : ndarray (R, 5)
+        The rough model's regressors at rest.
+    fit : ndarray (5, N - R)
+        Coefficients of the rough model from a torque in motion.
+    carried : sparse array (M, R)
+        What the common filter carries from rests into rows in motion.
+    """
+
+    rest: np.ndarray
+    columns: np.ndarray
+    fit: np.ndarray
+    carried: sparse.csr_matrix
+
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        """Torques (R, K) at rest from those of the whole run, (N, K)."""
+        return self.columns @ (self.fit @ x[~self.rest])
+
+    def change(self, x: np.ndarray) -> np.ndarray:
+        """What the replacement changes in torques (N, K) of the joint after the common filter, (M, K)."""
+        return self.carried @ (self.predict(x) - x[self.rest])
+
+
+def bridge_rest(
+    left: np.ndarray, known: np.ndarray, a: np.ndarray, v: np.ndarray, rest: np.ndarray, band: Band
+) -> dict[int, RestBridge]:
+    """Bridges of the joints that both move and rest in a run.
+
+    A joint's own motion may tell little of its rigid-body factor, as about an upright axis; a prior then
+    keeps the factor near 1.
 
     Parameters
     ----------
-    tau, known, a, v : ndarray (N, n)
-        Measured torque, torque of the rigid body, acceleration and speed.
+    left : ndarray (N, n)
+        Measured torque without that of the rigid body.
+    known, a, v : ndarray (N, n)
+        Torque of the rigid body, acceleration and speed.
     rest : ndarray (N, n) of bool
+    band : Band
     """
+    through = thinning(len(rest), band)
+    in_motion = ~rest[rows(band, len(rest))]
     sign = np.where(rest, 0.0, np.sign(v))
-    bridged = tau.copy()
-    for j in np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0)):
-        body, moves = known[:, j], ~rest[:, j]
-        x = rough_columns(body, a[:, j], sign[:, j], v[:, j])
-        left = tau[moves, j] - body[moves]
-        error = left - x[moves] @ fit_rough([x[moves]], [left])
+    bridges = {}
+    for j in map(int, np.flatnonzero(rest.any(axis=0) & ~rest.all(axis=0))):
+        moves = ~rest[:, j]
+        x = rough_columns(known[:, j], a[:, j], sign[:, j], v[:, j])
+        error = left[moves, j] - x[moves] @ fit_rough([x[moves]], [left[moves, j]])
         held = np.zeros((1, x.shape[1]))
         held[0, 0] = np.sqrt(float(error @ error) / _SAMPLES) / _FACTOR
-        theta = fit_rough([x[moves], held], [left, np.zeros(1)])
-        theta[0] += 1.0
-        # The bridge is not shifted to meet its neighbours: they hold friction, and the bridge holds none.
-        bridged[rest[:, j], j] = x[rest[:, j]] @ theta
-    return bridged
+        # The bridge is not shifted to meet its neighbours: they hold friction, and the bridge
+        # holds none.
+        stacked = np.vstack([x[moves], held])
+        fit = np.linalg.pinv(stacked, rcond=len(stacked) * np.finfo(float).eps)[:, :-1]
+        carried = sparse.diags(in_motion[:, j].astype(float)) @ through[:, rest[:, j]]
+        carried.eliminate_zeros()
+        bridges[j] = RestBridge(rest[:, j], x[~moves], fit, carried)
+    return bridges

@@ -348,7 +348,7 @@ def take_out_state(runs: Sequence[PreparedRun], left: Sequence[np.ndarray]) -> l
             falls = [sign * np.exp(-np.abs(v) / (share * top)) for share in _FALLS]
             place = interpolate.BSpline.design_matrix(s.q[:, j], knots, 1).toarray()
             x = np.column_stack([sign, v, *falls, s.a[:, j], load, sign * np.abs(load), place])
-            columns.append(run.reduce(x))
+            columns.append(run.reduce_columns(x, j))
         counts = np.concatenate([run.keep[:, j] for run in runs])
         x, y = np.concatenate(columns), np.concatenate([one[:, j] for one in left])
         x = x / np.maximum(np.abs(x).max(axis=0), 1e-300)

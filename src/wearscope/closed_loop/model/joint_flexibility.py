@@ -165,7 +165,7 @@ def find_jump_shares(model: Regression, theta: np.ndarray) -> dict[int, float]:
         signals = replace(run.signals, transmitted=solve_gears(model, theta, run))
         for i in terms:
             span = model.spans[i]
-            predicted = (run.reduce(model.entries[i].columns(signals)) @ theta[span]) * w
+            predicted = (run.reduce_columns(model.entries[i].columns(signals)) @ theta[span]) * w
             left = (y - x @ theta + x[:, :, span] @ theta[span]) * w
             own[i] += np.sum(predicted * left), np.sum(predicted**2)
     return {i: float(np.clip(a / max(b, 1e-300), 0.0, 1.0)) for i, (a, b) in own.items()}
@@ -211,7 +211,7 @@ def make_instruments(model: Regression, held: Collection[int]) -> list[np.ndarra
         if held:
             columns = columns.copy()
             for i in held:
-                columns[:, :, model.spans[i]] = run.reduce(model.entries[i].columns(run.signals))
+                columns[:, :, model.spans[i]] = run.reduce_columns(model.entries[i].columns(run.signals))
         made.append(columns)
     return made
 

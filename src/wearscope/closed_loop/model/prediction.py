@@ -66,7 +66,7 @@ def predict_full(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.n
 
 def predict_reduced(model: Regression, theta: np.ndarray, run: PreparedRun) -> np.ndarray:
     """`predict_full` after the common filter, (M, n)."""
-    return run.reduce(predict_full(model, theta, run))
+    return run.reduce_torque(predict_full(model, theta, run))
 
 
 def _record(model: Regression, theta: np.ndarray, signals: Signals, motor: np.ndarray) -> np.ndarray:
@@ -145,8 +145,8 @@ def predict_runs(prepared: Prepared, before: Regression, after: Regression) -> l
         Predicted(
             run,
             run.reduce(run.known),
-            predict_reduced(before, theta[0], run),
-            predict_reduced(after, theta[1], run),
+            run.reduce_torque(predict_full(before, theta[0], run)),
+            run.reduce_torque(predict_full(after, theta[1], run)),
         )
         for run in prepared.runs
     ]

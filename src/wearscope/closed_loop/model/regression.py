@@ -86,11 +86,11 @@ class Regression:
             parts.append(run.bodies)
         for entry in self.entries:
             if entry.effect.spread:
-                parts.append(run.reduce(entry.columns(signals)))
+                parts.append(run.reduce_columns(entry.columns(signals)))
                 continue
             own = entry.effect.columns(signals, entry.joint, np.array(entry.shape))[:, list(entry.subset)]
             full = np.zeros((len(run.t), self.prepared.n, own.shape[1]))
-            full[:, entry.joint] = run.reduce(own)
+            full[:, entry.joint] = run.reduce_columns(own, entry.joint)
             parts.append(full)
         return np.concatenate(parts, axis=2)
 

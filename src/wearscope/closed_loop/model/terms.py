@@ -125,7 +125,9 @@ def reduce_columns(
     own = run.signals if signals is None else signals
     step = max(1, _AT_ONCE // max(len(effect.coefficients), 1))
     chunks = [
-        run.reduce(effect.stack(own, joint, shapes[start : start + step]))
+        run.reduce_columns(
+            effect.stack(own, joint, shapes[start : start + step]), None if effect.spread else joint
+        )
         for start in range(0, len(shapes), step)
     ]
     return np.concatenate(chunks, axis=-1)
