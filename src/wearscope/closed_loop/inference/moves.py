@@ -146,14 +146,29 @@ class Moves:
         taken, reached = model, set[int]()
         for group in _list_groups(model):
             own = [o for o in extensions if group & set(o.term.candidate.joints)]
-            best, gain = self.choose(model, own[: 2 * TOP], model)
+            tried = [(None, *self.choose(model, own[: 2 * TOP], model)), *self.enrich(model, group)]
+            poorer, best, gain = max(tried, key=lambda one: one[2])
             joints = find_reach(model.fit.terms, best.candidate.joints) if best else set()
             if best is None or joints & reached:
                 continue
             reached |= joints
-            self.tell(f"added {self.name(best)}", gain)
-            taken = self.refine(taken.extend(best), best)
+            self.tell(f"added {self.name(best)}" if poorer is None else f"more of {self.name(best)}", gain)
+            rest = taken if poorer is None else taken.without(poorer)
+            taken = self.refine(rest.extend(best), best)
         return taken.rescale() if taken is not model else None
+
+    def enrich(self, model: Model, group: set[int]) -> list[tuple[Term, Term | None, float]]:
+        """Each term at some joints with the best of its richer forms, and by how much that raises the score."""
+        found = []
+        for term in [t for t in model.terms if group & set(t.candidate.joints)]:
+            if len(term.subset) < len(term.effect.coefficients):
+                rest = model.without(term)
+                forms = list_extensions(
+                    rest, [term.joint], lambda e, _, name=term.effect.name: e.name == name
+                )
+                richer = [o for o in forms if set(o.term.subset) > set(term.subset)]
+                found.append((term, *self.choose(rest, richer, model)))
+        return found
 
     def add_pair(self, model: Model) -> Model | None:
         """A model with two more terms at a joint that hide each other, where that is more probable."""

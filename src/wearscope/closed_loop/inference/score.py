@@ -119,22 +119,26 @@ class Score:
     def find_form(self, a: Model, b: Model) -> np.ndarray:
         """Form error (n,) by joint of the terms that only one of two models has [squares of the torque].
 
-        It is a share of the standard model's residual, conditional on the common terms that depend on other
-        signals. The forms of those terms are wrong by that share too, and the same share of their error may
-        follow the signals in question.
+        It is a share of the standard model's residual, conditional on exact terms of either model and on the
+        common terms that depend on other signals. The forms of the latter are wrong by that share too, and
+        the same share of their error may follow the signals in question.
         """
         if self.standard is None:
             return np.zeros(len(self.layout.prepared.moving))
         joints = self.layout.prepared.dataset.joints
-        own = {id(t) for t in a.terms} ^ {id(t) for t in b.terms}
-        differ = [t for t in (*a.terms, *b.terms) if id(t) in own]
+        common = [t for t in b.terms if t in a.terms]
+        differ = [t for t in (*a.terms, *b.terms) if t not in common]
         signals = {name for t in differ for name in t.list_signals(joints)}
         there = {t.key for t in self.standard.terms}
         record = any(t.model_term.is_measurement_error for t in differ)
+        # Of a body in two models, the one with more parameters.
+        exact = {
+            (t.effect.name, t.joint): t for t in sorted(differ, key=lambda t: len(t.subset)) if t.is_exact
+        }
         apart = [
             t
-            for t in b.terms
-            if id(t) not in own and t.key not in there and not t.model_term.is_measurement_error
+            for t in (*common, *exact.values())
+            if t.key not in there and not t.model_term.is_measurement_error
             # An error of the recording may follow any torque.
             if t.is_exact or not (record or t.list_signals(joints) & signals)
         ]
