@@ -79,3 +79,15 @@ def test_small_is_doubted_next_to_a_large_form_of_its_signal_and_a_far_larger_on
     assert told["other signal"] > 0.5 * alone
     # A form error of a percent in the large term would be larger than the spring.
     assert told["other signal, a hundred times"] < 0.0
+
+
+@pytest.mark.parametrize(("inertia", "is_richer"), [(0.125, True), (0.0, False)])
+def test_the_form_of_a_load_is_judged_by_what_the_load_leaves(weigh, inertia, is_richer):
+    """A body is exact: its inertia shows next to a mass that explains far more."""
+    load = {"mass": 2.0, "moment_x": 0.5, "inertia_yy": inertia, "inertia_zz": inertia}
+    _, score, model, _ = weigh(planted=[(1, "payload_error", load)])
+    forms = list_extensions(model, [1], lambda effect, _: effect.name == "payload_error")
+    plain, full = (model.extend(o.term) for o in sorted(forms, key=lambda o: len(o.term.subset)))
+    assert score.compare(model, plain) > 20.0
+    gain = score.compare(plain, full)
+    assert (gain > 10.0) is is_richer and (gain < 0.0) is not is_richer

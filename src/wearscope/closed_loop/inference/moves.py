@@ -152,22 +152,18 @@ class Moves:
             if best is None or joints & reached:
                 continue
             reached |= joints
-            self.tell(f"added {self.name(best)}" if poorer is None else f"more of {self.name(best)}", gain)
+            told = "added {}" if poorer is None else "{} takes further parameters"
+            self.tell(told.format(self.name(best)), gain)
             rest = taken if poorer is None else taken.without(poorer)
             taken = self.refine(rest.extend(best), best)
         return taken.rescale() if taken is not model else None
 
     def enrich(self, model: Model, group: set[int]) -> list[tuple[Term, Term | None, float]]:
-        """Each term at some joints with the best of its richer forms, and by how much that raises the score."""
+        """Each term at some joints with the best of its richer forms, and how much that raises the score."""
         found = []
         for term in [t for t in model.terms if group & set(t.candidate.joints)]:
-            if len(term.subset) < len(term.effect.coefficients):
-                rest = model.without(term)
-                forms = list_extensions(
-                    rest, [term.joint], lambda e, _, name=term.effect.name: e.name == name
-                )
-                richer = [o for o in forms if set(o.term.subset) > set(term.subset)]
-                found.append((term, *self.choose(rest, richer, model)))
+            rest = model.without(term)
+            found.append((term, *self.choose(rest, _list_richer(rest, term), model)))
         return found
 
     def add_pair(self, model: Model) -> Model | None:
@@ -374,6 +370,14 @@ def _carries_spline(rest: Model, term: Term) -> bool:
     return term.effect.is_in_every_drive and any(
         t.effect.empirical for t in rest.terms if t.joint == term.joint
     )
+
+
+def _list_richer(rest: Model, term: Term) -> list[Extension]:
+    """Forms of a term with further coefficients, conditional on a model without it."""
+    if len(term.subset) >= len(term.effect.coefficients):
+        return []
+    forms = list_extensions(rest, [term.joint], lambda effect, _: effect.name == term.effect.name)
+    return [o for o in forms if set(o.term.subset) > set(term.subset)]
 
 
 def _list_groups(model: Model) -> list[set[int]]:

@@ -132,12 +132,12 @@ class Score:
         there = {t.key for t in self.standard.terms}
         record = any(t.model_term.is_measurement_error for t in differ)
         # Of a body in two models, the one with more parameters.
-        exact = {
+        bodies = {
             (t.effect.name, t.joint): t for t in sorted(differ, key=lambda t: len(t.subset)) if t.is_exact
         }
         apart = [
             t
-            for t in (*common, *exact.values())
+            for t in (*common, *bodies.values())
             if t.key not in there and not t.model_term.is_measurement_error
             # An error of the recording may follow any torque.
             if t.is_exact or not (record or t.list_signals(joints) & signals)
