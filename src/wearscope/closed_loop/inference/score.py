@@ -119,7 +119,7 @@ class Score:
     def find_form(self, a: Model, b: Model) -> np.ndarray:
         """Form error (n,) by joint of the terms that only one of two models has [squares of the torque].
 
-        It is a share of the standard model's residual, conditional on exact terms of either model and on the
+        It is a share of the standard model's residual, conditional on bodies of either model and on the
         common terms that depend on other signals. The forms of the latter are wrong by that share too, and
         the same share of their error may follow the signals in question.
         """
@@ -132,9 +132,7 @@ class Score:
         there = {t.key for t in self.standard.terms}
         record = any(t.model_term.is_measurement_error for t in differ)
         # Of a body in two models, the one with more parameters.
-        bodies = {
-            (t.effect.name, t.joint): t for t in sorted(differ, key=lambda t: len(t.subset)) if t.is_exact
-        }
+        bodies = {t.key[:2]: t for t in sorted(differ, key=lambda t: len(t.subset)) if t.effect.spread}
         apart = [
             t
             for t in (*common, *bodies.values())
@@ -185,10 +183,10 @@ class Score:
         return len(term.subset) + _SHAPE * len(term.model_term.shape)
 
     def odds(self, term: Term) -> float:
-        """Prior odds against a term whatever its torque, in nats."""
+        """Prior odds against a term whatever its torque, in nats; negative for what every drive has."""
         effect, policy = term.effect, self.policy
         if effect.is_in_every_drive:
-            return 0.0
+            return -policy.name_odds
         odds = policy.name_odds
         if effect.standard:
             return odds
