@@ -145,8 +145,8 @@ def predict_runs(prepared: Prepared, before: Regression, after: Regression) -> l
         Predicted(
             run,
             run.reduce(run.known),
-            run.reduce_torque(predict_full(before, theta[0], run)),
-            run.reduce_torque(predict_full(after, theta[1], run)),
+            predict_reduced(before, theta[0], run),
+            predict_reduced(after, theta[1], run),
         )
         for run in prepared.runs
     ]
