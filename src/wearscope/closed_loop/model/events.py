@@ -260,8 +260,10 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
 
     A longer stretch may be several events that a filter's ringing joins. It is cut half way between the parts
-    near its largest size, if none of these is longer than an event.
+    near its largest size, if none of these is longer than an event. The common filter makes the shortest push
+    half a period long, so fewer rows are none.
     """
+    fewest = int(0.5 * run.band.rate / run.band.torque / run.band.stride)
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
 
     def split(at: np.ndarray) -> list[np.ndarray]:
@@ -277,7 +279,11 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
         cuts = [(one[-1] + other[0] + 1) // 2 for one, other in pairwise(loud)]
         ends = pairwise([part[0], *cuts, part[-1] + 1])
         found += [slice(int(one), int(other)) for one, other in ends] if all(map(is_short, loud)) else []
-    return [part for part in found if np.mean(speed[part] > _SLOW * top) > 0.5]
+    return [
+        part
+        for part in found
+        if np.mean(speed[part] > _SLOW * top) > 0.5 and np.sum(size[part] > _END) >= fewest
+    ]
 
 
 def _is_loud(size: np.ndarray) -> np.ndarray:
