@@ -56,7 +56,7 @@ class _Elsewhere(PathFinder):
     def find_spec(
         cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Find one of these modules; all others are left to Python's own finders."""
+        """Find one of the two modules; return None for all others, which Python's own finders then find."""
         if fullname not in ("matplotlib", "numba.core.config"):
             return None
         spec = PathFinder.find_spec(fullname, path, target)

@@ -60,7 +60,7 @@ use rule compute_test_quantities as compute_audit_quantities with:
         "Compute the audit's test quantities of {wildcards.robot}, {wildcards.cycle}"
 
 
-# A first look at the evidence: the design of a second one, without points where nothing is close.
+# Weighs the first evidence and makes the design of further points; it is empty unless a decision is close.
 checkpoint weigh_audit:
     input:
         points=f"{R}/design/audit.parquet",

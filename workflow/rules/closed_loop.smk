@@ -36,7 +36,7 @@ rule demonstration:
         f"{TWIN}/report.html",
 
 
-# Early, like what the correction changes: those jobs wait for one another, and the report waits for them.
+# Starts early, as the reevaluation does: these jobs depend on each other, and the report waits for them.
 rule record_demonstration:
     input:
         code=lambda w: code("record_demonstration"),

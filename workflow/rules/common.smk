@@ -10,12 +10,12 @@ from pathlib import Path
 from snakemake.io import sourcecache_entry
 
 STARTED = time.monotonic()
-# The folder of Snakefile, workflow and configuration: a clone, or what an installed wheel carries.
+# Folder of Snakefile, workflow and configuration: a clone, or a folder inside an installed wheel.
 HOME = str(Path(str(workflow.current_basedir)).parents[1])
 SRC = os.path.join(HOME, "src")
 inherited = dict(os.environ)
-# Scripts run in other interpreters (with --sdm conda, in another environment): they find a
-# clone's package here, and compute with one thread each, so that results do not depend on the number of cores.
+# Scripts run in other interpreters (with --sdm conda, in another environment). These variables let them find a
+# clone's package, and compute with one thread each, so that results do not depend on the number of cores.
 if os.path.isdir(SRC):
     sys.path.insert(0, SRC)
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
@@ -31,7 +31,7 @@ from wearscope.processes import (
     keep_compiled,
 )
 
-# No job runs or obeys what lies in the working directory, which may be a data set.
+# No job may import modules or read settings from the working directory, which may be an unknown data set.
 ignore_settings_here()
 os.environ.update(isolate(os.environ))
 keep_compiled()
@@ -47,12 +47,12 @@ from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_
 from wearscope.storage.files import check_folder
 from wearscope.storage.files import LIST, MADE, forget_lost
 
-# A file given with --configfile is the whole study: nothing of the default's shows through.
+# A file given with --configfile is the complete study: no setting of the default configuration is added.
 STUDY_FILE = "config/config.yaml" if os.path.isfile("config/config.yaml") else f"{HOME}/config/config.yaml"
 GIVEN = workflow.config_settings.configfiles
 for file in GIVEN or [STUDY_FILE]:
-    if not str(file).endswith(".json"):  # which the command writes
-        # Snakemake keeps the last of two settings of one name, and may run code in it.
+    if not str(file).endswith(".json"):  # JSON files are written by the command `wearscope`
+        # Snakemake itself would accept a setting given twice, and may run code in a configuration.
         tell(read_yaml, Path(file))
 
 if not GIVEN:
@@ -64,11 +64,11 @@ STUDY = tell(load_config, config)
 for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
     tell(check_folder, f"results/{made}")
 
-# Started by a job (partitions.smk) or by `wearscope`, which hold the folder for it, it ends with that process.
+# If a job (partitions.smk) or `wearscope` has started this process, it ends with that one, which holds the lock.
 STARTED_BY = os.environ.pop(STARTER, "")
 end_with(STARTED_BY)
-# Two of one study at once would miss files of each other: this one plans when the other is done, and holds the folder
-# from its start on (scheduler.smk). A program that only plans need not wait.
+# Two runs of one study at once would not see each other's new files. So this run waits with its planning until another
+# has ended, and locks the folder when it starts (scheduler.smk). A dry run need not wait.
 TURN = ExitStack()
 OWN_TURN = workflow.is_main_process and not STARTED_BY and not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}
 
@@ -80,7 +80,7 @@ def take_turn():
 if OWN_TURN and os.path.lexists("results/.wearscope.lock"):
     take_turn()
     TURN.close()
-# A job ends with this process, also where it alone is killed.
+# Every job ends with this process, even if only this process is killed.
 os.environ[MAIN] = identify_process(os.getpid())
 
 # A study of many robots is run by partitions, each a study of its own robots in its own folder.
@@ -89,27 +89,28 @@ R = f"results/{STUDY.study}"
 if STUDY.partitions.number is not None:
     R = f"{R}/partitions/{STUDY.partitions.number:05d}"
 config = STUDY.model_dump(mode="json")
-# Where jobs share no file system, a storage plugin carries what they declare, the recordings of a chunk as one file.
+# If jobs share no file system, a storage plugin transfers their declared files, and recordings are packed by chunk.
 CARRIED = workflow.storage_settings.default_storage_provider is not None
-GATE = 1000  # the profile lets this much through at a time
+GATE = 1000  # the profile's limit for the resource `gate`, summed over running jobs
 ENV = "../../envs/wearscope.yaml"
 
 
 def here(files):
-    """Files that are no results: every job finds them in its own copy of the tree, no storage holds them.
+    """Mark source files, which are in every job's own copy of the repository and not in the storage.
 
-    Flagged as `workflow.source_path` flags a file; with `local` Snakemake would send none of their jobs away.
+    They are flagged like files of `workflow.source_path`. With the flag `local`, Snakemake would run their jobs
+    on this machine only.
     """
     return [sourcecache_entry(file, file) for file in files] if CARRIED else files
 
 
 def made_in(folder):
-    """Where an answer is made before all of it is shown together; in place where a storage carries what is declared."""
+    """Return the folder in which an answer is made before it is shown; with a storage plugin, its final folder."""
     return folder if CARRIED else os.path.join(os.path.dirname(folder), MADE, os.path.basename(folder))
 
 
 def shown(folder):
-    """What is made once a folder shows an answer; made again where a file of it is lost."""
+    """Return the output that marks an answer as shown; delete it first if a file of the answer is missing."""
     if CARRIED:
         return []
     if workflow.is_main_process:
@@ -117,13 +118,13 @@ def shown(folder):
     return [f"{made_in(folder)}/{LIST}"]
 
 
-# What a study, its demonstration and its correction answer is made in `parts`; the job that writes a page shows all
-# that belongs to it together.
+# Answers of a study, its demonstration and its reevaluation are made in `parts`; the job that writes a page shows all
+# of its files together.
 ANSWER = f"{R}/parts/answer"
 
 
 def show_later(file, **about):
-    """A file that stays as it is until the page of its answer is written, with what `report` takes of it."""
+    """Mark an output whose old version stays until the answer is shown; `about` are arguments of `report`."""
     return report(update(file), **about) if about else update(file)
 
 
@@ -135,11 +136,12 @@ FILES = StudyFiles(STUDY, R, HOME, here)
 code, installed = FILES.code, FILES.installed
 robot_files, robot_effects = FILES.robot_files, FILES.robot_effects
 cycle_files, detector_files, effect_files = FILES.cycle_files, FILES.detector_files, FILES.effect_files
-# Robots as the configuration names them, and as they are simulated: with what is carried over to them.
+# Robots as the configuration names them, and as they are simulated: with laws taken over from other robots.
 NAMED_ROBOTS, ROBOTS, CYCLES = FILES.named_robots, FILES.robots, FILES.cycles
 DATASET, DATASET_INPUTS, REPORT_FILES = FILES.dataset, FILES.dataset_inputs, FILES.report_files
 FACTORS = STUDY.factor_table()
-# Recordings stay where they are what was asked for. Of its targets Snakemake itself tells once the rules are read.
+# Recordings are kept if the target is `simulate`. Snakemake knows its targets only after the rules are read, so the
+# command line is searched.
 PACKED = CARRIED or STUDY.simulation.packed
 DROPPED = not (PACKED or STUDY.simulation.keep_recordings or "simulate" in sys.argv)
 PLAN = Plan(STUDY, R, PACKED, DROPPED)

@@ -7,7 +7,7 @@ if STUDY.dataset is None:
 else:
     DETECTION = f"results/detection/{DATASET.name}"
     DETECTION_MADE, SHOWN_DETECTION = made_in(DETECTION), shown(DETECTION)
-    # The corrected model of the loop closed on the same data set, or the one that is named.
+    # The corrected model from the diagnosis of the same data set, or the model in the configuration.
     DETECT_ROBOT = (
         [f"{LOOP_FOLDER}/model_after.yaml"] if STUDY.detect.model is None else robot_files(STUDY.detect.model)
     )

@@ -84,7 +84,7 @@ rule compare_direct:
 
 if MISMATCH:
 
-    # The same question of a robot that differs from the model that the detectors hold.
+    # The same SNR for a robot that differs from the model that the detectors use.
     rule make_mismatch_design:
         input:
             direct=f"{R}/design/direct.parquet",

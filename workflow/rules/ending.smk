@@ -1,6 +1,6 @@
 from wearscope.cli.progress import end_badly, end_well
 
-# What was asked for is answered on these pages; a partition's is part of its study's.
+# Page of each target, shown at the end of a run; a partition shows none, since its study does.
 ANSWERED = {
     "all": f"{R}/report.html",
     "report": f"{R}/report.html",

@@ -38,9 +38,9 @@ rule compute_sensitivity:
 rule compute_snr:
     input:
         unpack(PLAN.asked_of(STUDY.snr.model)),
-        # Replicates, which tell whether a robot's model has noise, belong to the filling design.
+        # The filling design has replicates, which show whether a robot's model has noise.
         noise=f"{R}/chosen_surrogates.parquet" if FILLED else [],
-        # The paper's own model stands next to the chosen surrogate.
+        # The SNR is also computed by the paper's own model, for comparison with the chosen surrogate.
         paper=(
             f"{R}/surrogates.parquet"
             if STUDY.snr.model == "chosen" and "full" in STUDY.surrogates.models
@@ -64,7 +64,7 @@ rule compute_snr:
         "../scripts/compute_snr.py"
 
 
-# Ahead of what else the surrogates allow, since the audit waits for it.
+# Has priority over other rules that use the surrogates, since the audit waits for it.
 rule compute_scope:
     input:
         unpack(PLAN.asked_of(STUDY.scope.model)),
@@ -109,7 +109,7 @@ rule join_scope:
         "../scripts/join_scope.py"
 
 
-# The same questions as a reader may change them: other factors, other probabilities of false alarm.
+# Data of the page's interactive charts: other factors, other probabilities of false alarm.
 rule compute_responses:
     input:
         unpack(PLAN.asked_of(STUDY.scope.model)),

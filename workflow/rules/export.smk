@@ -1,4 +1,4 @@
-# The corrected model of a data set, or the model that is named.
+# Exports the corrected model of a data set, or the model in the configuration.
 if STUDY.export.model is not None:
     EXPORTED = robot_files(STUDY.export.model)
     EXPORT = f"results/export/{label(STUDY.export.model)}"

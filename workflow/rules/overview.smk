@@ -1,4 +1,4 @@
-# A study of many robots is told by a row for each robot and test-cycle; details are in the reports of its partitions.
+# The report of a divided study has a row for each robot and test-cycle; details are in the reports of its partitions.
 rule make_overview:
     input:
         scope=f"{R}/scope.parquet",

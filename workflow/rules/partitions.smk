@@ -1,5 +1,5 @@
-# A study of many robots: each partition is planned where it runs, by one job, as a study of its own robots, with a
-# report of its own. What is told of each cell is made there, and joined here by one robot at a time.
+# A study of many robots is divided. One job plans and runs each partition as a study of its own robots, with its own
+# report. The partitions' tables of cells are joined here, one robot at a time.
 JOINED_TABLES = ["surrogates", "validation", "snr"]
 PARTITION_TABLES = [
     "test_quantities",
@@ -17,7 +17,7 @@ PARTITION_TABLES = [
 PARTITION_OF = {label(robot): part for part, one in PARTITIONS.items() for robot in one.robots}
 
 
-#: What can be asked for as one job, with the memory of a core that works on it [MiB].
+#: Targets that can run as one job, and the memory per core [MiB].
 ONE_JOB_MEMORY = {
     "all": 1300,
     "closed_loop": 4000,
@@ -139,8 +139,8 @@ else:
             "../scripts/join_screening.py"
 
 
-# What is shorter than a cluster's job should be: planned and run by one, where it lands. It has no output of its own,
-# so that what is left to do is asked each time.
+# Runs a complete target as one job of a cluster, for short studies. The rule has no output, so that the job runs each
+# time and finds out what is left to do.
 for ONE_JOB_TARGET, ONE_JOB_MIB in ONE_JOB_MEMORY.items():
 
     rule:

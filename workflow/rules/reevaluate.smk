@@ -20,7 +20,7 @@ RE_SOURCES = {
     for side, references in PAIRS.items()
     for k, reference in enumerate(references)
 }
-# Only what was planted can be simulated as it truly is.
+# The truth is a third side only in the demonstration, whose effects are known.
 if not GIVEN and STUDY.dataset is None:
     RE_SOURCES["truth"] = PAIRS["after"][0]
 RE_SIDES = [side for side in ("before", "after", "truth") if side in RE_SOURCES]

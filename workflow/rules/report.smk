@@ -1,6 +1,6 @@
-# What a page tells of the configuration: not what else was asked for in addition to the study.
+# Configuration that the page shows: without the data set, which is not part of the study.
 REPORTED = {key: value for key, value in config.items() if key != "dataset"}
-# The demonstration's twin is the medium robot: in another robot's study it has no place.
+# The demonstration's twin is the medium robot, so the pages of other robots' studies leave it out.
 TELLS_DEMONSTRATION = STUDY.closed_loop.demonstration and TWIN_ROBOT in STUDY.robots
 
 
@@ -26,7 +26,6 @@ rule describe_robots:
         robots=[file for reference in ROBOTS.values() for file in robot_files(reference)],
         code=lambda w: code(
             "describe_robots",
-            *cycle_files(),
             *{file for reference in ROBOTS.values() for file in robot_effects(reference)},
         ),
     output:
@@ -36,14 +35,13 @@ rule describe_robots:
     conda:
         ENV
     params:
-        installed=installed("robots", "cycles", "effects"),
+        installed=installed("robots", "effects"),
         factors=FACTORS,
         robots=ROBOTS,
         worn=STUDY.worn_axes(),
-        cycles=CYCLES,
         allow_code=STUDY.allow_code,
     message:
-        "Describe the robots: friction, postures along the test-cycles"
+        "Compute the robots' friction over speed"
     script:
         "../scripts/describe_robots.py"
 

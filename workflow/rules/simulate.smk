@@ -78,9 +78,9 @@ rule screen_robot:
         "../scripts/screen_robot.py"
 
 
-# Checks come first by their priority, and hold the gate alone: nothing is simulated while one may still fail.
-# (An `ancient` input of all simulations would do it too, but hides from Snakemake that they are stale.)
-# One job a robot, as starting a process takes as long as checking three test-cycles.
+# Checks have priority and take the whole resource `gate`, so that no simulation runs before all checks have passed.
+# (Making them an `ancient` input of all simulations would hide from Snakemake that simulations are out of date.)
+# Each robot has one job, since starting a process takes as long as checking three test-cycles.
 rule check_cycles:
     input:
         robot=lambda w: robot_files(ROBOTS[w.robot]),
@@ -134,12 +134,12 @@ rule check_detectors:
         "../scripts/check_detectors.py"
 
 
-# Where a robot and test-cycle's whole study fits into one job, it is one: a process and its imports take a second.
-# An audit and a direct Monte Carlo ask for more points when the study is there.
+# If all sets of a robot and test-cycle fit into one job, one job simulates them: starting a process takes a second.
+# The points of audit and direct Monte Carlo are chosen later and have jobs of their own.
 AT_ONCE = STUDY_SETS if sum(POINTS[set] for set in STUDY_SETS) <= POINTS_PER_JOB else []
 
 
-# Nominal runs stay where others are dropped: whatever is asked later learns from them.
+# Nominal runs are kept even if other recordings are deleted: detectors of later stages are fitted to them.
 KEPT = [set for set in POINTS if "nominal" in set] if DROPPED else []
 
 

@@ -1,4 +1,4 @@
-# What the questions are asked of: the quadratic models, and the surrogate that was chosen for each cell.
+# Surrogates that answer the questions: the quadratic models, and the one chosen for each cell.
 ASKED = [f"{R}/surrogates.parquet", *([f"{R}/chosen_surrogates.parquet"] if FILLED else [])]
 
 
@@ -50,7 +50,7 @@ rule validate_surrogates:
         "../scripts/validate_surrogates.py"
 
 
-# One job a robot: to import what surrogates are made by takes longer than to choose those of a test-cycle.
+# Each robot has one job, since the imports take longer than choosing the surrogates of a test-cycle.
 rule choose_surrogates:
     input:
         test_quantities=[f"{R}/parts/test_quantities/{{robot}}/{cycle}.parquet" for cycle in CYCLES],

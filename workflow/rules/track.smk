@@ -1,7 +1,7 @@
 from wearscope.tracking.session_names import name_sessions
 
-# What changed since a machine was healthy: the reference once, each later session by itself. What a job depends
-# on of dataset.yaml is among its parameters, so that a session added there makes no other one anew.
+# Tracking has one job for the reference and one for each later session. A job's parameters contain only its own part of
+# dataset.yaml, so that adding a session does not repeat the others.
 TRACKED = name_sessions(STUDY.dataset) if DATASET else None
 TRACK_FOLDER = f"results/tracking/{DATASET.name}" if DATASET else ""
 TRACK_MADE, SHOWN_TRACK = (made_in(TRACK_FOLDER), shown(TRACK_FOLDER)) if DATASET else ("", [])

@@ -1,4 +1,4 @@
-"""One session against the healthy machine."""
+"""Compares one session with the healthy machine."""
 
 from job import run_job
 from wearscope.tracking.run import tell_changes, write_session

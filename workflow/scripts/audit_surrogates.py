@@ -1,4 +1,4 @@
-"""Surrogate against direct simulation: both values, how often the interval held, what is withheld."""
+"""Compares surrogates with direct simulation, and decides which detectors' answers are withheld."""
 
 from auditing import weigh
 

@@ -1,4 +1,4 @@
-"""Audited values of a study's detectors and the evidence that they are, as two scripts look at them."""
+"""Compares surrogates with simulated values and weighs the evidence; shared by two scripts."""
 
 import pandas as pd
 
@@ -8,7 +8,7 @@ from wearscope.surrogates.chosen import read_chosen
 
 
 def weigh(given, model, designs, parts):
-    """Audited values, scope verdicts and answers."""
+    """Return the audited values, the scope verdicts and which answers are withheld."""
     direct = pd.concat(map(tables.read_table, parts), ignore_index=True)
     direct["set"] = direct["set"].replace(RECHECK, AUDIT)
     points = pd.concat(map(tables.read_table, designs), ignore_index=True)

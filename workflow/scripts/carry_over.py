@@ -1,4 +1,4 @@
-"""A robot's model with wear and temperature of another."""
+"""Adds the wear and temperature laws of another robot to a robot's model."""
 
 from job import run_job
 from wearscope.robots.friction import carry_over

@@ -1,4 +1,4 @@
-"""Refuses a robot, its factor ranges or a test-cycle that cannot be done, before anything is simulated."""
+"""Refuses a robot that cannot perform a test-cycle within its factor ranges, before the simulation."""
 
 import json
 from functools import partial

@@ -1,4 +1,4 @@
-"""Refuses a detector that is not there or refuses its options, before anything is simulated."""
+"""Refuses a detector that is missing or does not accept its options, before the simulation."""
 
 import json
 from functools import partial

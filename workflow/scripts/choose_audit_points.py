@@ -1,4 +1,4 @@
-"""Where the surrogates are compared with direct simulation."""
+"""Chooses the points at which the surrogates are compared with direct simulation."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""Chosen surrogate of every cell of one robot, or of the models of all sides."""
+"""Chooses the surrogate of every cell of one robot, or of all models of a reevaluation."""
 
 import pandas as pd
 

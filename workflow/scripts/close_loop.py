@@ -1,4 +1,4 @@
-"""The loop closed on a measured data set."""
+"""Closes the loop on a measured data set: finds effects that the model lacks, and corrects it."""
 
 from pathlib import Path
 

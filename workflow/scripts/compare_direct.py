@@ -1,4 +1,4 @@
-"""SNR by direct simulation next to the chosen surrogates'."""
+"""Compares the SNR by direct simulation with that of the chosen surrogates."""
 
 from job import run_job
 from wearscope.evaluation.snr import direct_table

@@ -1,4 +1,4 @@
-"""SNR where the robot differs from its model, next to that where it does not."""
+"""Compares the SNR on a robot that differs from its model with that on a robot that does not."""
 
 from job import run_job
 from wearscope.evaluation.snr import mismatch_table

@@ -1,4 +1,4 @@
-"""What the paper found, next to what this study found."""
+"""Compares the findings of the study with those of the paper."""
 
 from job import run_job
 from wearscope.designs.factors import Factor

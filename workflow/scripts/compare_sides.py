@@ -1,4 +1,4 @@
-"""What the correction changes, side by side."""
+"""Compares the study's answers before and after a correction."""
 
 import json
 from pathlib import Path

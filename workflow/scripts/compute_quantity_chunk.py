@@ -1,4 +1,4 @@
-"""Test quantities of a chunk of a set's design points, of one robot and test-cycle."""
+"""Computes the test quantities of a chunk of design points, for one robot and test-cycle."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the surrogates say over each factor, with the runs, and the ROC of every cell."""
+"""Computes the surrogates along each factor, with the simulated runs, and the ROC of every cell."""
 
 import numpy as np
 

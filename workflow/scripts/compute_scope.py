@@ -1,4 +1,4 @@
-"""Where the detectors work (Q-3), for the cells of one robot."""
+"""Computes at which wear and variation the detectors work (Q-3), for the cells of one robot."""
 
 import numpy as np
 

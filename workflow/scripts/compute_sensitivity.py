@@ -1,4 +1,4 @@
-"""Which factors matter (Q-1)."""
+"""Computes which factors matter (Q-1)."""
 
 from job import run_job
 from screening import read_screening

@@ -1,4 +1,4 @@
-"""How the detectors compare (Q-2)."""
+"""Computes the SNR of every cell and ranks the detectors (Q-2)."""
 
 import pandas as pd
 

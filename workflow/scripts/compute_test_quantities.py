@@ -1,4 +1,4 @@
-"""Test quantities of one robot and test-cycle: computed, or joined where chunks were jobs of their own."""
+"""Computes the test quantities of one robot and test-cycle, or joins those of chunks from other jobs."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The robots' friction over speed."""
+"""Computes the robots' friction over speed, at several temperatures and wear levels."""
 
 import pandas as pd
 

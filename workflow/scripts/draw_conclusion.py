@@ -1,4 +1,4 @@
-"""Which detector to use, what it finds and bears, and its thresholds."""
+"""Concludes which detector to use, which wear it finds, which variation it tolerates, and its thresholds."""
 
 import json
 from functools import partial

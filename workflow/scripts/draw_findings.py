@@ -1,4 +1,4 @@
-"""The paper's Figs. 2, 3 and 4."""
+"""Draws the paper's Figs. 2, 3 and 4 from the study's results."""
 
 from job import run_job
 from screening import read_screening

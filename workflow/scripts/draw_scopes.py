@@ -1,4 +1,4 @@
-"""The paper's Fig. 4 of a divided study, from counts that add over its partitions."""
+"""Draws the paper's Fig. 4 of a divided study, from the sums of its partitions' counts."""
 
 from job import run_job
 from wearscope.designs.factors import Factor

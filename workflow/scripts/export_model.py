@@ -1,4 +1,4 @@
-"""A model as URDF, MJCF and a table of parameters."""
+"""Writes a model as URDF, MJCF and a table of parameters."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Surrogates of every cell."""
+"""Fits the polynomial surrogates of every cell."""
 
 from job import run_job
 from wearscope.storage import tables

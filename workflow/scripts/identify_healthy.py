@@ -1,4 +1,4 @@
-"""The healthy machine of a measured data set."""
+"""Identifies the healthy machine from the reference sessions of a data set."""
 
 from job import run_job
 from wearscope.closed_loop.inference.policy import Policy

@@ -1,4 +1,4 @@
-"""What every workflow script does around its one call: log, tell progress, end a bad input in one line."""
+"""Frame of every workflow script: writes the log, prints progress, ends on bad input with one line."""
 
 import gc
 import os
@@ -26,8 +26,8 @@ from wearscope.storage.files import (
     written,
 )
 
-# What scripts import stays to the end: looking through it for cycles, while it is imported and once more when
-# the interpreter ends, takes a fifth of a short job's time.
+# Imported objects live until the end of the script. Without this, garbage collection would search them for
+# cycles during the imports and at the end, which takes a fifth of a short job's time.
 gc.disable()
 ignore_settings_here()
 
@@ -36,12 +36,12 @@ Say = Callable[[str], None]
 
 @contextmanager
 def run_job(snakemake: Any) -> Iterator[Say]:
-    """Log a job, and end it where its input is bad or the workflow is no more.
+    """Run a job: write its log, check its inputs, and record checksums of its outputs and its costs.
 
     Yields a function that writes one line to the log and, under the rule's name, to the terminal. An
-    `InputError` or a full disk is told in one sentence; anything else is a defect, with its traceback in the
-    log too. What other jobs have written is checked before it is used; what is missing or damaged is set
-    aside, so that the next run makes it again. What a job took that ended well is kept (`record_costs`).
+    `InputError` or a full disk ends the job with one sentence. Any other error is a defect; its traceback is
+    in the log too. Inputs that other jobs have written are checked first; if one is missing or damaged, it is
+    renamed, so that the next run makes it again. The job ends if the workflow's main process ends.
     """
     gc.freeze()
     gc.enable()
@@ -95,7 +95,7 @@ def run_job(snakemake: Any) -> Iterator[Say]:
             note(traceback.format_exc())
             raise
     note(f"[{time.monotonic() - start:6.1f} s] done")
-    if getattr(snakemake, "output", True):  # a job without output has others do its work, which say theirs
+    if getattr(snakemake, "output", True):  # a job without output starts other jobs, which record their costs
         record_costs(Path(snakemake.log[0]), time.monotonic() - start)
     gc.freeze()
     if type(snakemake).__name__ == "Snakemake":
@@ -104,9 +104,9 @@ def run_job(snakemake: Any) -> Iterator[Say]:
 
 @contextmanager
 def refuse_once(log: Path) -> Iterator[None]:
-    """Keep what a job says as it fails: tried again in the same run, it says that at once.
+    """Keep the log of a job that fails; if it is tried again in the same run, print that and fail at once.
 
-    Snakemake tries each failed job again, which helps one that was killed.
+    Snakemake tries every failed job again, which is useful only for a job that was killed.
     """
     kept, main = log.with_name(f".{log.name}.refused"), os.environ.get(MAIN, "")
     by, _, told = kept.read_text(encoding="utf-8").partition("\n") if kept.is_file() else ("", "", "")
@@ -125,11 +125,11 @@ def refuse_once(log: Path) -> Iterator[None]:
 
 
 def record_costs(log: Path, seconds: float) -> Path:
-    """Write what this process and its children took to a table of one row, and return its path.
+    """Write time and memory of this process and its children to a table with one row; return its path.
 
-    Read once at the end, where Snakemake's own `benchmark:` reads the memory maps of all processes twice a
-    second. Columns are named as there: ``s``, time since the script's first line; ``cpu_time`` [s], start and
-    imports included; ``max_rss`` [MiB], of the largest process.
+    They are read once, at the end; Snakemake's own `benchmark:` would read the memory maps of all processes
+    twice a second. Columns have Snakemake's names: ``s``, time since the script's first line [s];
+    ``cpu_time`` [s], including start and imports; ``max_rss`` [MiB], of the largest process.
     """
     parts = list(log.with_suffix(".tsv").parts)
     if "logs" in parts[2:]:
@@ -138,26 +138,26 @@ def record_costs(log: Path, seconds: float) -> Path:
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cpu = sum(one.ru_utime + one.ru_stime for one in used)
     memory = max(one.ru_maxrss for one in used) / 1024
-    with suppress(OSError):  # of a full disk the next job tells
+    with suppress(OSError):  # if the disk is full, the next job reports it
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"s\tcpu_time\tmax_rss\n{seconds:.3f}\t{cpu:.2f}\t{memory:.1f}\n", encoding="utf-8")
     return path
 
 
 def clear_answer(folder: Path) -> None:
-    """Remove what an answer has that a job makes anew: what it leaves is of one run alone."""
+    """Remove the files of an earlier answer that a job may not write again, so that none of them remains."""
     for old in (folder / "report.html", *folder.glob("*.parquet"), *folder.glob("next_measurement_*")):
         old.unlink(missing_ok=True)
 
 
 def study_folder(file: str | Path) -> Path | None:
-    """Folder of the study that a file is a result of, e.g. ``results/paper``; None for other files."""
+    """Return the study's folder that contains a file, e.g. ``results/paper``; None for other files."""
     parts = Path(file).parts
     return Path(*parts[:2]) if len(parts) > 2 and parts[0] == "results" else None
 
 
 def count_progress(say: Say, total: int, what: str, every: float = 5.0) -> Callable[[int], None]:
-    """Return a function to be called with the number done; it says so every few seconds and at the end."""
+    """Return a function to call with the number done; it reports the number at most every `every` seconds."""
     last = time.monotonic()
 
     def report(done: int) -> None:

@@ -1,4 +1,4 @@
-"""The audits of all partitions as one: how often the interval held, what is withheld."""
+"""Joins the audits of all partitions, and decides which detectors' answers are withheld."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""One table of all chosen surrogates."""
+"""Joins the tables of chosen surrogates into one."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""A table by cell of a divided study: the rows of each robot in turn, sorted by its name."""
+"""Joins a table of the partitions of a divided study; robots are sorted by name."""
 
 from job import run_job
 from wearscope.storage import tables

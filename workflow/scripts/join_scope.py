@@ -1,4 +1,4 @@
-"""One scope table and its group scope matrices."""
+"""Joins the scope tables into one and computes the group scope matrices."""
 
 from job import run_job
 from screening import read_screening

@@ -1,4 +1,4 @@
-"""One table of what was screened on all robots."""
+"""Joins the screening tables of all robots into one."""
 
 from job import run_job
 from screening import read_screening

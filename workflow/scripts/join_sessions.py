@@ -1,4 +1,4 @@
-"""What changed in all sessions, and since when."""
+"""Joins the results of all sessions, and finds since when there are changes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""One table of all test quantities, and what failed: simulations by point, detectors by cell."""
+"""Joins all test quantities into one table, and lists failures of simulations and of detectors."""
 
 import pandas as pd
 

@@ -1,4 +1,4 @@
-"""The study's detectors on the recordings of a data set."""
+"""Applies the study's detectors to the recordings of a data set."""
 
 from pathlib import Path
 

@@ -1,10 +1,10 @@
-"""What a page says of the code that made it, as several scripts tell it."""
+"""Describes, for the reports, the code that made the results; shared by several scripts."""
 
 from wearscope.storage.provenance import describe_provenance, list_platform_files
 
 
 def tell_provenance():
-    """Versions, commit and digest, by what they are called."""
+    """Return versions, commit and digest, by their labels on a page."""
     made = describe_provenance(list_platform_files())
     return {
         "wearscope": made["code"]["wearscope"],

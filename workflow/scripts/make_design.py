@@ -1,4 +1,4 @@
-"""Design matrices, and what they can tell, before anything is simulated."""
+"""Makes the design matrices and checks, before the simulation, what they can estimate."""
 
 from job import run_job
 from wearscope.designs.checks import check_design, describe_design

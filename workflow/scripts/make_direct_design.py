@@ -1,4 +1,4 @@
-"""Runs that ask the simulator itself for an SNR."""
+"""Makes the design of the runs that give the SNR without a surrogate."""
 
 from job import run_job
 from wearscope.designs.factors import Factor

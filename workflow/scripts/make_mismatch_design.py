@@ -1,4 +1,4 @@
-"""Runs that ask for an SNR where the robot differs from its model."""
+"""Makes the design of the runs that give the SNR on a robot that differs from its model."""
 
 from job import run_job
 from wearscope.evaluation.snr import mismatch_design

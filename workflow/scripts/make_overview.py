@@ -1,4 +1,4 @@
-"""The study at a glance: a row a robot and test-cycle, the worst first."""
+"""Makes the overview of a divided study: a row for each robot and test-cycle, the worst first."""
 
 import json
 from pathlib import Path

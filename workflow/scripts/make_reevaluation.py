@@ -1,4 +1,4 @@
-"""Models before and after, those drawn around them and the truth, completed; the design of their runs."""
+"""Prepares a reevaluation: models before, after, drawn and true, with wear laws; the design of their runs."""
 
 import json
 from pathlib import Path
@@ -56,7 +56,7 @@ with run_job(snakemake) as say:
     asked, common = params.settings, {"questions": params.questions, "axes": params.axes, "seed": params.seed}
     bridge = -(-3 * (len(factors) + 1) // 2)
     whole = filling_design(factors, asked["points"], asked["question_points"], 0, **common)
-    # The SNR's fault levels and three standard deviations of its nuisances.
+    # Design ranges: the SNR's two wear levels, and three standard deviations of its nuisances.
     reach = max(abs(params.snr["f0"]), abs(params.snr["f0"] + params.snr["delta"]), 3 * params.snr["sigma"])
     near = local_design(factors, asked["local_points"], asked["replicates"], reach, params.seed)
     identification = pd.concat([whole, near], ignore_index=True)

@@ -1,4 +1,4 @@
-"""The finished study in one file."""
+"""Packs the finished study into one file."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Test quantities of all models of one side of a reevaluation."""
+"""Computes the test quantities of all models of one side (before, after, truth) of a reevaluation."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Test quantities of one robot and test-cycle from its traces, as several scripts compute them."""
+"""Computes test quantities of one robot and test-cycle from its recordings; shared by several scripts."""
 
 from job import count_progress
 from wearscope.detectors.base import Batch

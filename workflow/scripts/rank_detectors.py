@@ -1,4 +1,4 @@
-"""How the detectors compare (Q-2), from the SNR of every cell."""
+"""Ranks the detectors (Q-2) by the SNR of every cell."""
 
 from job import run_job
 from wearscope.detectors.base import list_bounds

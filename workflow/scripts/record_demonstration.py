@@ -1,4 +1,4 @@
-"""A data set of a twin with an effect that its description does not declare."""
+"""Records the demonstration's data set: a simulated robot with an undeclared effect."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What was reevaluated, as several scripts read it."""
+"""Reads the results of a reevaluation; shared by several scripts."""
 
 import yaml
 
@@ -10,7 +10,7 @@ from wearscope.storage import tables
 
 
 def read_reevaluation(files, model, factors, detectors):
-    """Tables of a reevaluation, and what the model after assumes."""
+    """Return the tables of a reevaluation, and the assumptions in the corrected model."""
     with open(model, encoding="utf-8") as file:
         entries = yaml.safe_load(file)["effects"]
     assumed = tuple(f"{one['effect']} at {one['joint']}" for one in entries if one.get("assumed"))

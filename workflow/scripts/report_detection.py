@@ -1,4 +1,4 @@
-"""The page of detectors on recordings."""
+"""Writes the page on detectors applied to recordings."""
 
 from pathlib import Path
 

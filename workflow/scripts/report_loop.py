@@ -1,4 +1,4 @@
-"""The page of a closed loop; shown with its tables where that is asked of the same job."""
+"""Writes the page of a closed loop; also shows it with its tables, if the job has that output."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The page of a reevaluation, and its tables, in the place of those before."""
+"""Writes the page of a reevaluation, and replaces the earlier page and tables by the new ones."""
 
 from pathlib import Path
 

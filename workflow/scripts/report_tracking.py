@@ -1,4 +1,4 @@
-"""The page of a tracked machine."""
+"""Writes the page of a tracked machine."""
 
 from pathlib import Path
 

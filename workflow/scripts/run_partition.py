@@ -1,4 +1,4 @@
-"""A partition of a study of many robots, or a whole study, planned and run here by a Snakemake of its own."""
+"""Runs a partition of a divided study, or a complete study, by another Snakemake inside this job."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ with run_job(snakemake) as say:
     write_text(params.file, yaml.safe_dump(params.study, sort_keys=False))
     command = [*PYTHON, "-m", "snakemake", *params.targets, "--cores", str(snakemake.threads)]
     command += ["--snakefile", params.snakefile, "--configfile", params.file, "--nocolor"]
-    # What the whole study was started with is not for its parts.
+    # Settings of the whole study's Snakemake must not reach the one that runs a part.
     environment = {name: value for name, value in os.environ.items() if name != "SNAKEMAKE_PROFILE"}
     environment[STARTER] = identify_process(os.getpid())
     say(f"robots {', '.join(params.study['robots'])}")

@@ -1,4 +1,4 @@
-"""Refuses, or drops, factors that move no torque of a robot."""
+"""Refuses or drops factors that change no torque of a robot."""
 
 from job import run_job
 from wearscope.cycles.base import load_cycle

@@ -1,4 +1,4 @@
-"""What was screened, as several scripts read it."""
+"""Reads the screening of factors; shared by several scripts."""
 
 import pandas as pd
 
@@ -6,5 +6,5 @@ from wearscope.storage import tables
 
 
 def read_screening(files):
-    """One table of all robots."""
+    """Return the screening tables of all robots as one."""
     return pd.concat([tables.read_table(file) for file in files], ignore_index=True)

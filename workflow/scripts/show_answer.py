@@ -1,4 +1,4 @@
-"""An answer in the place of the one before, as a whole."""
+"""Replaces an earlier answer by the new one, all files together."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The design points of all models of one side of a reevaluation."""
+"""Simulates the design points of all models of one side (before, after, truth) of a reevaluation."""
 
 import json
 from dataclasses import asdict
@@ -20,7 +20,7 @@ def simulate_model(name, sets):
     model = load_model(path, strict=False, allow_code=params.allow_code).wearing(params.worn)
     outcomes = {}
     for label, reference in params.cycles.items():
-        # One name for all: the sensors' noise is the same, so that models differ by themselves alone.
+        # The noise of the sensors depends on the name. With one name for all, only the models differ.
         plan = Plan("reevaluation", label, params.kinds, params.seed, params.step, params.sample_rate)
         cycle, traces, where = load_cycle(reference), folder / name / label, f", {name}, {label}"
         for one in sets:

@@ -1,4 +1,4 @@
-"""Chunks of the design points of one robot and test-cycle."""
+"""Simulates chunks of the design points of one robot and test-cycle."""
 
 import json
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""A set of design points in simulation, as several scripts run it."""
+"""Simulates a set of design points; shared by several scripts."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ from wearscope.simulation.chunk import simulate_chunk
 
 
 def digest_inputs(installed, files):
-    """Digest of what all points of a robot and test-cycle depend on: its files, and installed packages."""
+    """Return a digest of the files and installed packages that all points of a robot and cycle depend on."""
     common = hashlib.sha256(json.dumps(installed).encode())
     for file in files:
         common.update(Path(file).read_bytes())
@@ -17,7 +17,7 @@ def digest_inputs(installed, files):
 
 
 def simulate(say, folder, set_name, rows, model, cycle, plan, common, time_limit, where=""):
-    """What became of each point; `where` ends the lines that tell progress and failures."""
+    """Simulate points and return the outcome of each; `where` ends the lines on progress and failures."""
     report = count_progress(say, len(rows), f"points of {set_name}{where}")
     outcome = simulate_chunk(folder, set_name, rows, model, cycle, plan, common, report, time_limit)
     for point, reason in outcome.failed.items():

@@ -1,4 +1,4 @@
-"""Fit (6) of every surrogate on the validation runs, and its diagnostics."""
+"""Computes the fit (6) of every surrogate on the validation runs, and its diagnostics."""
 
 from job import run_job
 from wearscope.storage import tables

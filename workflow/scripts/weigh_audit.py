@@ -1,4 +1,4 @@
-"""A first look at what direct simulation says; where it is close, which points to simulate in addition."""
+"""Compares surrogates with the first simulated points; if the result is close, chooses further points."""
 
 import pandas as pd
 from auditing import weigh

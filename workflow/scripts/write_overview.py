@@ -1,4 +1,4 @@
-"""The report of a divided study: robots and test-cycles at a glance, linked to the partitions' reports."""
+"""Writes the report of a divided study: an overview with links to the partitions' reports."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ from wearscope.storage import tables
 from wearscope.storage.files import show_answer
 
 TABLES = ("sensitivity", "ranking", "failures", "failed_simulations", "thresholds")
-#: Tables by cell: the partitions' reports tell of them.
+#: Tables with a row for each cell; the partitions' reports show them.
 LEFT_OUT = ("surrogates", "validation", "snr", "scope", "checks")
 
 with run_job(snakemake) as say:

@@ -12,13 +12,13 @@ from wearscope.errors import InputError
 
 @click.command()
 @click.argument("things", nargs=-1, metavar="[THING]...")
-@click.option("--allow-code", is_flag=True, help="Let code that a study, model or data set names run.")
+@click.option("--allow-code", is_flag=True, help="Allow code that a study, model or data set names.")
 @click.option("--robot", "robots", multiple=True, help="Robot that a test-cycle is for; may be repeated.")
 def check(things: tuple[str, ...], allow_code: bool, robots: tuple[str, ...]) -> None:
-    """Say everything that is wrong with each THING, in seconds and before anything is computed.
+    """List everything that is wrong with each THING, in seconds.
 
     A THING is a robot, a data set, a study (folder or configuration), or a .py file with a detector,
-    test-cycle or effect, whose code then runs. Without any: the study that is here.
+    test-cycle or effect, whose code then runs. The default is the study in this folder.
 
     \b
     Examples:
@@ -89,7 +89,7 @@ def inspect(thing: str | None, allow_code: bool = False, robots: tuple[str, ...]
 
 
 def _tell_kind(path: Path) -> str:
-    """Return ``dataset``, ``robot`` or ``study``; empty where the path does not tell."""
+    """Return the kind of a thing: ``dataset``, ``robot`` or ``study``; "" if its path does not show it."""
     if path.is_dir():
         for name, kind in (
             ("dataset.yaml", "dataset"),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from wearscope.archive.comparison import Content
 
-#: Number of conclusions that are told in sentences.
+#: Largest number of differing conclusions that are described in sentences.
 _TOLD = 5
 #: Beginning of the sentence on a conclusion, by the table that holds it.
 _TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked directly"}
@@ -29,10 +29,10 @@ _TABLES = {"findings": "Compared with the paper", "audit_verdicts": "Checked dir
     "--all",
     "everything",
     is_flag=True,
-    help="Every setting, version and file, the same ones too.",
+    help="List every setting, version and file, also those that are the same.",
 )
 def compare(a, b, everything):  # type: ignore[no-untyped-def]
-    """Say how A and B differ: two studies, folders of results, archives, or two loops.
+    """Show how A and B differ: two studies, folders of results, archives, or two diagnoses.
 
     \b
     Examples:

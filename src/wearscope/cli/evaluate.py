@@ -15,15 +15,14 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("model")
 @click.argument("dataset")
-@click.option("--temperature", type=float, help="Of the joints where it was not recorded [deg C].")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the tables into this folder, too.")
-@click.option("--allow-code", is_flag=True, help="Let effect files that the model names run.")
+@click.option("--temperature", type=float, help="Joint temperature [deg C], if not recorded.")
+@click.option("--out", type=click.Path(path_type=Path), help="Also write the tables into this folder.")
+@click.option("--allow-code", is_flag=True, help="Allow effect files that the model names.")
 def evaluate(model, dataset, temperature, out, allow_code):  # type: ignore[no-untyped-def]
-    """Say how well MODEL predicts the recordings of DATASET; nothing is fitted to them.
+    """Compute the errors of MODEL on the recordings of DATASET; nothing is fitted to them.
 
-    MODEL is a robot, or a model that `diagnose` wrote. Two models on one data set, or one model on two, tell
-    which fits better: in torque along the measured motion, and in position after 0.1, 0.5 and 2 s under the
-    measured torque.
+    MODEL is a robot, or a model that `diagnose` wrote. Errors are those of the torque along the measured
+    motion, and of the position after 0.1, 0.5 and 2 s under the measured torque.
 
     \b
     Examples:

@@ -89,15 +89,15 @@ def wearscope() -> None:
 
     \b
     Examples:
-      wearscope demo                             a verdict on recordings that come along
+      wearscope demo                             a verdict on recordings of the package
       wearscope new study my-study               a folder with a study in it
       wearscope run my-study                     run it
       wearscope report my-study --open           look at it
-      wearscope new robot arm.urdf               a model of one's own robot
-      wearscope check arm                        all that is wrong with it, in seconds
-      wearscope diagnose arm-data                what the machine does beyond its model
+      wearscope new robot arm.urdf               a model of your robot
+      wearscope check arm                        list all its faults, in seconds
+      wearscope diagnose arm-data                effects of the machine that its model lacks
 
-    Each of the commands that compute is a target of Snakemake, which can be called by itself just as well.
+    Commands that compute something call Snakemake, which you can also call directly.
     """
 
 

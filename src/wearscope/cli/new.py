@@ -27,7 +27,7 @@ KINDS = {
 def new() -> None:
     """Make a robot, data set, test-cycle, detector, effect or study to start from.
 
-    What is made passes its own check ('wearscope check') as it is; nothing that is there is written over.
+    The result passes its own check ('wearscope check') unchanged; existing files are never overwritten.
     """
 
 
@@ -36,19 +36,19 @@ _folder = click.option(
     "folder",
     type=click.Path(path_type=Path),
     default=Path(),
-    help="Folder to write to; here if left out.",
+    help="Folder to write to; the working folder by default.",
 )
 
 
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option(
-    "--robot", "robots", multiple=True, help="Robot by name or path, may be repeated; 'medium' if left out."
+    "--robot", "robots", multiple=True, help="Robot by name or path, may be repeated; default: 'medium'."
 )
 @click.option("--cycle", "cycles", multiple=True, help="Test-cycle by name or path, may be repeated.")
 @click.option("--detector", "detectors", multiple=True, metavar="NAME=USE", help="Detector by name or path.")
 @click.option(
-    "--large", is_flag=True, help="As large as the paper's study; otherwise one of a minute or two."
+    "--large", is_flag=True, help="Study as large as the paper's; otherwise it takes a minute or two."
 )
 def study(name, robots, cycles, detectors, large):  # type: ignore[no-untyped-def]
     """Make a folder NAME with a study in it, which runs without a clone.
@@ -76,15 +76,17 @@ def study(name, robots, cycles, detectors, large):  # type: ignore[no-untyped-de
 @click.command()
 @click.argument("name")
 @click.option(
-    "--via", "-p", "texts", multiple=True, metavar="'A B C'", help="A via point, a number a joint; repeated."
+    "--via", "-p", "texts", multiple=True, metavar="'A B C'", help="Via point, a number per joint; repeated."
 )
-@click.option("--points", type=click.Path(path_type=Path), help="File with a via point a row, instead.")
+@click.option(
+    "--points", type=click.Path(path_type=Path), help="Instead of --via: file with a via point per row."
+)
 @click.option("--unit", type=click.Choice(["share", "rad", "deg"]), default="share", show_default=True,
-              help="Of the via points; shares, -1 to 1: of the way from home to the limit.")  # fmt: skip
+              help="Unit of via points; shares, -1 to 1, of the way from home to the limit.")  # fmt: skip
 @click.option(
     "--speed", type=float, default=0.6, show_default=True, help="Share of the robot's speed limits."
 )
-@click.option("--robot", default="medium", show_default=True, help="Robot that its test tries it on.")
+@click.option("--robot", default="medium", show_default=True, help="Robot that its test uses.")
 @_folder
 def cycle(name, texts, points, unit, speed, robot, folder):  # type: ignore[no-untyped-def]
     """Make a test-cycle NAME.py through via points, and its test.
@@ -138,9 +140,9 @@ def effect(name, folder):  # type: ignore[no-untyped-def]
 @click.command()
 @click.argument("name", type=click.Path(path_type=Path), default=Path("example"))
 def example(name):  # type: ignore[no-untyped-def]
-    """Make a folder NAME with a robot's URDF and recordings, to try the other commands on.
+    """Make a folder NAME with a robot's URDF and recordings, for trying the other commands.
 
-    NAME/machine is a data set as it is: 'wearscope diagnose NAME/machine'.
+    NAME/machine is a complete data set: 'wearscope diagnose NAME/machine'.
 
     \b
     Example:
@@ -179,28 +181,28 @@ def _numbers(name: str, text: str):  # type: ignore[no-untyped-def]
 
 @click.command()
 @click.argument("urdf", type=click.Path(path_type=Path))
-@click.option("--name", help="Of the model and its folder; that of the file if left out.")
+@click.option("--name", help="Name of the model and its folder; by default the URDF's name.")
 @click.option(
     "--in",
     "folder",
     type=click.Path(path_type=Path),
     default=Path(),
-    help="Where the folder is made; here if left out.",
+    help="Where the folder is made; the working folder by default.",
 )
 @click.option(
-    "--joints", default="", metavar="A,B,...", help="Joints that move, in order; all that can if left out."
+    "--joints", default="", metavar="A,B,...", help="Joints that move, in order; by default all movable ones."
 )
 @_numbers("--coulomb", "Coulomb friction at each joint [N m or N].")
 @_numbers("--viscous", "Viscous friction at each joint [N m s/rad or N s/m].")
-@_numbers("--efficiency", "Instead: efficiency of each gear by its data sheet, e.g. 0.85.")
+@_numbers("--efficiency", "Instead of friction: efficiency of each gear by its data sheet, e.g. 0.85.")
 @_numbers(
-    "--rated-torque", "Torque at the joint at which the efficiency holds; the torque limit if left out."
+    "--rated-torque", "Joint torque at which the gear has this efficiency; by default the torque limit."
 )
 @_numbers("--gear-ratio", "Motor turns per joint turn.")
-@_numbers("--rotor-inertia", "Of each motor [kg m^2], with --gear-ratio.")
-@_numbers("--torque-limit", "Instead of the URDF's effort.")
-@_numbers("--speed-limit", "Instead of the URDF's velocity.")
-@_numbers("--acceleration-limit", "Of test-cycles; found from the torque limit if left out.")
+@_numbers("--rotor-inertia", "Inertia of each motor's rotor [kg m^2], with --gear-ratio.")
+@_numbers("--torque-limit", "Torque limit of each joint, instead of the URDF's effort.")
+@_numbers("--speed-limit", "Speed limit of each joint, instead of the URDF's velocity.")
+@_numbers("--acceleration-limit", "Acceleration limit for test-cycles; by default from the torque limit.")
 @click.option("--payload", type=float, help="Mass at the flange [kg]; 0 for none.")
 @click.option(
     "--payload-com",
@@ -208,14 +210,14 @@ def _numbers(name: str, text: str):  # type: ignore[no-untyped-def]
     type=float,
     default=(0.0, 0.0, 0.05),
     show_default=True,
-    help="In the last link [m].",
+    help="Centre of mass of the payload in the last link [m].",
 )
-@click.option("--gravity", nargs=3, type=float, help="In the base frame; 0 0 -9.81 if left out.")
+@click.option("--gravity", nargs=3, type=float, help="Gravity in the base frame; default: 0 0 -9.81.")
 def robot(urdf, name, folder, joints, gravity, **stated):  # type: ignore[no-untyped-def]
     """Make a complete model of a robot from its URDF file.
 
-    What the file or the options state is marked given, all else assumed, in the model file itself.
-    Friction is the paper's eq. (17), with temperature and wear, scaled from the figures of each joint.
+    The model file marks numbers from the URDF or the options as given, all others as assumed.
+    Friction is the paper's eq. (17), with temperature and wear, scaled to the friction of each joint.
 
     \b
     Examples:
@@ -279,15 +281,15 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--urdf", required=True, type=click.Path(path_type=Path), help="Of the robot, as its maker published it."
+    "--urdf", required=True, type=click.Path(path_type=Path), help="URDF, as the robot's maker published it."
 )
-@click.option("--name", help="Of the data set and its folder; made of the URDF's name if left out.")
+@click.option("--name", help="Name of the data set and its folder; by default from the URDF's name.")
 @click.option(
     "--in", "folder", type=click.Path(path_type=Path), default=Path(), help="Where the folder is made."
 )
-@click.option("--joints", default="", metavar="A,B,...", help="Joints, in order; all that move if left out.")
+@click.option("--joints", default="", metavar="A,B,...", help="Joints, in order; by default all that move.")
 @click.option(
-    "--test", multiple=True, metavar="FILE", help="Recording that is only scored; the last one if left out."
+    "--test", multiple=True, metavar="FILE", help="Recording for the test only; by default the last one."
 )
 @_pattern("position")
 @_pattern("velocity")
@@ -300,37 +302,38 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
 @_pattern("volts")
 @_pattern("on")
 @click.option("--servo", metavar="NAME[,X=...]",
-              help="Servo, or its constants: its torque is that of the drive's law.")  # fmt: skip
+              help="Servo, or its constants; its torque is computed by the drive's law.")  # fmt: skip
 @click.option("--time", metavar="NAME", help="Column of the time.")
 @click.option(
-    "--time-unit", type=click.Choice(["s", "ms", "us", "ns", "d"]), help="Told by the step if left out."
+    "--time-unit", type=click.Choice(["s", "ms", "us", "ns", "d"]), help="By default guessed from the step."
 )
 @click.option(
-    "--rate", type=click.FloatRange(min=0.0, min_open=True), help="Samples a second, where there is no clock."
+    "--rate", type=click.FloatRange(min=0.0, min_open=True), help="Sample rate [Hz], if there is no clock."
 )
 @click.option(
     "--position-unit",
     "position_units",
     multiple=True,
     type=click.Choice(["rad", "deg", "m", "mm"]),
-    help="Told by name or size if left out; twice where joints turn and slide.",
+    help="By default guessed; give one for revolute and one for prismatic joints.",
 )
 @click.option(
     "--counts-per-turn",
     type=Numbers(),
     default=(),
     metavar="X,X,...",
-    help="Positions are counts: in a turn, or in a metre where a joint slides.",
+    help="Positions are counts: number per turn, or per metre of a prismatic joint.",
 )
 @click.option(
-    "--side", type=click.Choice(["joint", "motor"]), default="joint", show_default=True, help="Of positions."
-)
+    "--side", type=click.Choice(["joint", "motor"]), default="joint", show_default=True,
+    help="Side of the gear on which positions are measured.",
+)  # fmt: skip
 @click.option(
     "--torque-side",
     type=click.Choice(["joint", "motor"]),
     default="joint",
     show_default=True,
-    help="Of torques.",
+    help="Side of the gear to which torques relate.",
 )
 @click.option(
     "--gear-ratio", type=Numbers(), default=(), metavar="X,X,...", help="Motor turns per joint turn."
@@ -340,45 +343,46 @@ def _pattern(kind: str):  # type: ignore[no-untyped-def]
     type=Numbers(),
     default=(),
     metavar="X,X,...",
-    help="N m/A of currents, or N m by unit of the torque columns.",
+    help="N m/A for currents, or N m per unit of the torque columns.",
 )
 @click.option("--turn", "turned", default="", metavar="A,B,...",
-              help="Columns of the data set (q_JOINT, tau_JOINT) that are turned round.")  # fmt: skip
+              help="Columns of the data set (q_JOINT, tau_JOINT) with the opposite sign.")  # fmt: skip
 @click.option("--shift", "shifted", multiple=True, metavar="q_JOINT=X",
-              help="Added to a position of the data set [rad or m].")  # fmt: skip
+              help="Offset that is added to a position of the data set [rad or m].")  # fmt: skip
 @click.option("--scale", "scaled", multiple=True, metavar="q_JOINT=X",
-              help="A position of the data set, and its speed, times this.")  # fmt: skip
+              help="Factor on a position of the data set and on its speed.")  # fmt: skip
 @click.option("--torque-gain", "torque_gain", multiple=True, metavar="JOINT=X",
-              help="A torque of the data set times this.")  # fmt: skip
+              help="Factor on a torque of the data set.")  # fmt: skip
 @click.option("--time-scale", type=click.FloatRange(min=0.0, min_open=True),
-              help="True time over the recorded one, of a clock that is wrong.")  # fmt: skip
+              help="True time divided by the recorded time, if the clock is wrong.")  # fmt: skip
 @click.option(
-    "--columns", default="", metavar="A,B,...", help="Names of the columns, of files that have none."
+    "--columns", default="", metavar="A,B,...", help="Names of the columns, for files without names."
 )
 @click.option("--reading", "readings", multiple=True, metavar="[JOINT=]READING",
-              help="What the torques are: motor, link, without_gravity or none.")  # fmt: skip
+              help="What the torque columns hold: motor, link, without_gravity or none.")  # fmt: skip
 @click.option("--gravity", type=Numbers(), default=(), metavar="X,Y,Z",
-              help="In the base frame [m/s^2]; 0,0,-9.81 if left out.")  # fmt: skip
+              help="Gravity in the base frame [m/s^2]; default: 0,0,-9.81.")  # fmt: skip
 @click.option("--session", "sessions", multiple=True, metavar="FILE=LABEL", help="Session of a recording.")
 @click.option("--reference", multiple=True, metavar="LABEL",
-              help="Healthy session; each recording is one, by its file's name.")  # fmt: skip
+              help="Healthy session; by default each recording is a session with its name.")  # fmt: skip
 @click.option("--payload-of", "payloads", multiple=True, metavar="FILE=KG[,X,Y,Z]",
-              help="Payload of one recording, and its centre.")  # fmt: skip
-@click.option("--topic", help="Of the joint states in a ROS 2 bag.")
+              help="Payload of one recording, and its centre of mass.")  # fmt: skip
+@click.option("--topic", help="Topic of the joint states in a ROS 2 bag.")
 @click.option("--payload", type=float, help="Mass at the flange in all recordings [kg].")
 @click.option(
-    "--payload-com", nargs=3, type=float, default=(0.0, 0.0, 0.0), help="Its centre in the last link [m]."
-)
+    "--payload-com", nargs=3, type=float, default=(0.0, 0.0, 0.0),
+    help="Centre of mass of the payload in the last link [m].",
+)  # fmt: skip
 @click.option("--inertials", type=click.Choice(["approximate", "trusted"]), default="approximate",
-              help="Whether the URDF's masses are refitted, or trusted.")  # fmt: skip
+              help="Whether the URDF's masses are refitted or trusted.")  # fmt: skip
 @click.option("--declare", default="rigid_body,rotor_inertia,coulomb,viscous", show_default=True,
-              help="Effects that the model has to begin with.")  # fmt: skip
+              help="Effects of the declared model.")  # fmt: skip
 @click.option("--accept", multiple=True, help="Check to ignore; paste the text that its sentence names.")
 def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **stated):  # type: ignore[no-untyped-def]
-    """Make a data set from RECORDINGS: CSV of any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
+    """Make a data set from RECORDINGS: CSV with any separator, Parquet, ROS 2 bags, MCAP or LeRobot.
 
-    What is guessed (columns, units, clock, rate, which recording is the test) is said, and stands in
-    dataset.yaml. The data set is checked before it is kept.
+    Guesses (columns, units, clock, rate, which recording is the test) are printed and written to
+    dataset.yaml. A data set that does not pass its check is not written.
 
     \b
     Examples:

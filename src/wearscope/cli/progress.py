@@ -136,7 +136,7 @@ def end_well(pages: Sequence[Path], seconds: float, settings: str) -> None:
 
 
 def end_badly(logs: Sequence[str], targets: Sequence[str]) -> None:
-    """Print which rule failed, as Snakemake's logs of the run tell, and the reason."""
+    """Print which rule failed and the reason, both read from Snakemake's logs of the run."""
     progress = Progress()
     for log in logs:
         for line in Path(log).read_text(encoding="utf-8", errors="replace").splitlines():

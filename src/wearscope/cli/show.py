@@ -95,20 +95,20 @@ def list_items(folder: Path) -> list[Path]:
     "--in",
     "place",
     metavar="PLACE",
-    help="Study, or folder of results; the study that was run here last if left out.",
+    help="Study, or folder of results; by default the study that was run here last.",
 )
-@click.option("--where", "-w", multiple=True, metavar="COLUMN=VALUE", help="Rows with this value only.")
+@click.option("--where", "-w", multiple=True, metavar="COLUMN=VALUE", help="Show only rows with this value.")
 @click.option("--sort", metavar="COLUMN", help="Sort by a column; with '-' before it, the largest first.")
-@click.option("--columns", metavar="A,B", help="These columns only.")
+@click.option("--columns", metavar="A,B", help="Show only these columns.")
 @click.option("--rows", default=30, show_default=True, help="Largest number of rows; 0 for all.")
 def show(item, place, where, sort, columns, rows):  # type: ignore[no-untyped-def]
-    """Show a table of a study in the terminal; without ITEM, say which there are.
+    """Show a table of a study in the terminal; without ITEM, list the tables.
 
     ITEM is a name, or the path of a .parquet, .json or .csv file.
 
     \b
     Examples:
-      wearscope show                              what there is
+      wearscope show                              list the tables
       wearscope show ranking
       wearscope show snr --where fda=C --sort -snr --rows 10
       wearscope show sensitivity --in my-study

@@ -34,21 +34,21 @@ from wearscope.storage.files import check_folder, read_json
 
 #: Options of all commands that call Snakemake.
 _SHARED = (
-    click.option("--cores", type=click.IntRange(1), help="Cores to use; all there are where left out."),
+    click.option("--cores", type=click.IntRange(1), help="Number of cores; by default all."),
     click.option(
         "--set",
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Change a setting for this once: seed=2, snr.runs=1000.",
+        help="Change a setting for this run only, e.g. seed=2 or snr.runs=1000.",
     ),
-    click.option("--dry-run", "-n", is_flag=True, help="Say what would be done."),
+    click.option("--dry-run", "-n", is_flag=True, help="Only list the jobs that would run."),
     click.option(
         "--snakefile",
         type=click.Path(exists=True, dir_okay=False, path_type=Path),
-        help="Own workflow in place of the platform's; its code runs.",
+        help="Workflow to use instead of the platform's; its code runs.",
     ),
-    click.option("--verbose", "-v", is_flag=True, help="Show all that Snakemake says."),
+    click.option("--verbose", "-v", is_flag=True, help="Show all output of Snakemake."),
 )
 study_argument = click.argument("study", required=False)
 
@@ -132,7 +132,7 @@ def run_targets(
 @click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
 @workflow_options
 def run(study, stage, opened, **options):  # type: ignore[no-untyped-def]
-    """Run STUDY: a folder, a configuration file, or 'quick' or 'paper', which come along.
+    """Run STUDY: a folder, a configuration file, or one of the included studies 'quick' and 'paper'.
 
     \b
     Examples:
@@ -153,10 +153,10 @@ def run(study, stage, opened, **options):  # type: ignore[no-untyped-def]
 @click.option("--open", "opened", is_flag=True, help="Open it in the browser.")
 @workflow_options
 def report(study, opened, **options):  # type: ignore[no-untyped-def]
-    """Bring the report of STUDY up to date and say where it is.
+    """Update the report of STUDY and print its path.
 
-    STUDY may also be a folder of results with a report in it, which is then shown as it is. Without STUDY it
-    is the one that was run here last.
+    STUDY may also be a folder of results with a report; this is shown without an update. The default is the
+    study that was run here last.
 
     \b
     Examples:
@@ -217,7 +217,7 @@ def _run_on_dataset(target, dataset, study, allow_code, results, answer, opened,
 
 
 _study_option = click.option(
-    "--study", help="Study whose settings are used; the one that is here, or the default one."
+    "--study", help="Study whose settings are used; by default the one in this folder, or the included one."
 )
 _dataset_options = (
     _study_option,
@@ -237,7 +237,7 @@ def _dataset_command(command):  # type: ignore[no-untyped-def]
 @_dataset_command
 @workflow_options
 def diagnose(dataset, **options):  # type: ignore[no-untyped-def]
-    """Close the loop on DATASET: what the machine does beyond its model, named, added, and the error after.
+    """Find the effects that the model of the machine in DATASET lacks, and add them to the model.
 
     \b
     Examples:
@@ -251,7 +251,7 @@ def diagnose(dataset, **options):  # type: ignore[no-untyped-def]
 @_dataset_command
 @workflow_options
 def track(dataset, **options):  # type: ignore[no-untyped-def]
-    """Say what changed on the machine of DATASET since its reference sessions.
+    """Find what changed on the machine in DATASET since its reference sessions.
 
     \b
     Example:
@@ -272,21 +272,21 @@ def detect(dataset, **options):  # type: ignore[no-untyped-def]
     """
     from wearscope.detection.run import check_recordings
 
-    check_recordings(dataset)  # the loop that comes first takes minutes
+    check_recordings(dataset)  # before the diagnosis, which takes minutes
     _run_on_dataset("detect", dataset, results="detection", answer="detection.json", **options)
 
 
 @click.command()
 @study_argument
 @click.option(
-    "--dataset", type=click.Path(path_type=Path), help="Whose loop gives the models before and after."
+    "--dataset", type=click.Path(path_type=Path), help="Data set whose diagnosis gives the two models."
 )
-@click.option("--before", multiple=True, metavar="MODEL", help="Instead: a model before; may be repeated.")
-@click.option("--after", multiple=True, metavar="MODEL", help="A model after; may be repeated.")
+@click.option("--before", multiple=True, metavar="MODEL", help="Instead, the model before; may be repeated.")
+@click.option("--after", multiple=True, metavar="MODEL", help="The model after; may be repeated.")
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 @workflow_options
 def reevaluate(study, dataset, before, after, opened, **options):  # type: ignore[no-untyped-def]
-    """Ask the questions of STUDY of a model before and after its correction.
+    """Answer the questions of STUDY for a model before and after its correction.
 
     \b
     Examples:
@@ -333,7 +333,7 @@ def _locate(robot: str) -> str:
 @_study_option
 @workflow_options
 def export(model, study, **options):  # type: ignore[no-untyped-def]
-    """Write MODEL, a robot or a loop's corrected model, as what people simulate in: URDF, MJCF, a table.
+    """Write MODEL, a robot or a corrected model, in formats of other simulators: URDF, MJCF, a table.
 
     \b
     Examples:
@@ -362,7 +362,7 @@ def export(model, study, **options):  # type: ignore[no-untyped-def]
 )
 @click.option("--open", "opened", is_flag=True, help="Open the page in the browser.")
 def demo(out, opened):  # type: ignore[no-untyped-def]
-    """Diagnose an arm whose recordings come along: what its model lacks, and the error after.
+    """Diagnose the included recordings of an arm: what its model lacks, and the error after correction.
 
     \b
     Example:

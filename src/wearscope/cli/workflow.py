@@ -29,14 +29,14 @@ _PLANNED = re.compile(r"^total\s+(\d+)$")
 _BEGUN = re.compile(r"^(?:local)?rule (\w+):$|^Job \d+: (.+)$")
 _FAILED = re.compile(r"^Error in rule (\w+):$")
 _LOG = re.compile(r"^    log: (.+?)(?:, .*)? \(check log file\(s\) for error details\)$")
-#: Lines in which a job tells its progress: parts done; the current step of a diagnosis.
+#: Lines in which a job reports its progress: parts done; the current step of a diagnosis.
 _PART = re.compile(r"^(\w[^:]*): (\d+)/(\d+) (.+)$")
 _SAID = re.compile(r"^(?:close_loop|close_demonstration|identify_healthy|assess_session)\b[^:]*: (.+)$")
 _DIED = re.compile(r"^Command '.+' died with <Signals\.(\w+): \d+>\.$")
 _NO_TARGET = re.compile(r"^(?:MissingRuleException|No rule to produce \S+)")
 #: Time that an interrupted Snakemake gets to cancel its jobs on other machines [s].
 _GRACE = 2.0
-#: Lines of Snakemake that do not tell the reason of a failure.
+#: Lines of Snakemake that do not contain the reason of a failure.
 _CHATTER = re.compile(
     r"^(Shutting down|Exiting because|Complete log|At least one job|Using workflow specific profile|"
     r"Removing |\[\w{3} \w{3} +\d+|  File \"|Building DAG|None$|host: |WorkflowError:$|Trying to restart)"
@@ -45,7 +45,7 @@ _CHATTER = re.compile(
 
 @dataclass
 class Progress:
-    """Progress of a run, as far as Snakemake's output tells it.
+    """Progress of a run, read from Snakemake's output.
 
     Attributes
     ----------

@@ -273,9 +273,9 @@ class ExportSettings(Section):
     """Temperature [deg C] at which friction that depends on it is written."""
 
 
-#: Kinds of factor in addition to a number of the robot given by its path.
+#: Kinds of factor. A kind may also be the path of a number of the robot.
 KINDS = ("wear", "temperature", "dwell", "payload_mass_error")
-#: Allowed names of the units of their natural values; a number given by its path has the model's unit.
+#: Allowed units of a factor, by its kind. A number given by its path has the unit of the robot's model, or %.
 UNITS = {
     "wear": ("1", "-", ""),
     "temperature": ("degC", "°C"),

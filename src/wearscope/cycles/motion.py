@@ -132,7 +132,7 @@ class MotionPlan:
             try:
                 if Ruckig(self.n).calculate(order, trajectory) in (Result.Working, Result.Finished):
                     return trajectory
-            except (RuckigError, ValueError):  # the latter for an error code that the binding does not know
+            except (RuckigError, ValueError):  # ValueError: Ruckig's error code is not known to its binding
                 continue
         raise InputError(
             f"robot '{self.model.name}': no motion from {self.posture.round(3)} to {target.round(3)} found; "

@@ -80,7 +80,7 @@ class ResidualEnergy:
         return float(residual @ residual / (nominal @ nominal))
 
     def _expect(self, batch: Batch) -> Array:
-        """Return the signature (M,) at the first M samples of a batch, as far as it covers them."""
+        """Return the nominal torque (M,) at the samples of a batch, up to the end of the shorter of both."""
         whole = len(self.signature)
         every = self.sample_rate / batch.sample_rate
         same = abs(every - 1.0) <= SAME_RATE

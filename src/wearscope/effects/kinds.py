@@ -48,7 +48,7 @@ class PayloadEffect(Effect):
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """Return 4, for a mass and three first moments: a prior holds the others, so they do not count."""
+        """Return 4, for mass and three first moments; a prior determines the other parameters."""
         return _BODY
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:

@@ -70,7 +70,7 @@ def check_own_effect(effect: Any, where: str) -> None:
     Raises
     ------
     InputError
-        Where the effect breaks a rule; the sentence tells the first one.
+        Where the effect breaks a rule; the message names the first one.
     """
     if not isinstance(effect, Effect):
         raise InputError(

@@ -82,9 +82,9 @@ class Signals:
         temperature: ArrayLike = 0.0,
         wear: ArrayLike = 0.0,
     ) -> Self:
-        """Return the signals of a motion, with `sign` that of the speeds (N, n).
+        """Return the signals of a motion; the direction `sign` (N, n) is the sign of the speeds.
 
-        A signal may also be a number, or (n,), and is then constant in time.
+        A signal may be an array (N, n); a number, or an array (n,), is constant in time.
         """
 
         def fill(x: ArrayLike) -> np.ndarray:

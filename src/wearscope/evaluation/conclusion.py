@@ -246,7 +246,9 @@ def threshold_tables(
     levels: Mapping[str, float],
     f0: float,
 ) -> pd.DataFrame:
-    """Return the thresholds of every conclusion in its cells; ``asked`` is the conclusion's robot.
+    """Return the thresholds of the recommended detectors in their cells.
+
+    Column ``asked`` is the robot of the recommendation, empty for the one for all robots.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ def evaluate_model(
 
 
 def count_judged(prepared: Prepared, torque: pd.DataFrame) -> dict[str, Any]:
-    """Return what a table of torque errors covers, as `ModelErrors.judged` describes it."""
+    """Return the joints, runs and time that a table of torque errors covers, see `ModelErrors.judged`."""
     known = torque[torque["error_percent"].notna()]
     names = [joint for joint in prepared.dataset.joints if joint in set(known["joint"])]
     runs = {run.label: float(run.t[-1] - run.t[0]) for run in prepared.runs}

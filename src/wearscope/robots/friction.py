@@ -264,9 +264,10 @@ def carry_over(
 def scale_parameters(
     effect: Effect, values: dict[str, float], speed: float, torque: float
 ) -> dict[str, float]:
-    """Scale the parameters of an effect to a joint whose torque and speed are multiples of the first joint's.
+    """Scale the parameters of an effect to a joint whose speed and torque are multiples of the first joint's.
 
-    A parameter's unit tells the powers of the two factors.
+    `speed` and `torque` are these multiples. A parameter is multiplied by powers of them according to its
+    unit.
     """
     scaled = {}
     for p in effect.parameters:

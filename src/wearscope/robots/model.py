@@ -182,7 +182,7 @@ class RobotModel(Section):
         return _make_body(self._urdf_text, tuple(self.joints), tuple(self.gravity)).with_payload(payload)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the content of the model file; fields that were left out stay out."""
+        """Return the content of the model file, with the fields that were given only."""
         return self.model_dump(mode="json", exclude_unset=True)
 
     def replace(self, urdf_text: str | None = None, **changes: Any) -> "RobotModel":

@@ -118,8 +118,8 @@ def _learn_slopes(terms, state, work, motion):
 def _forget_slopes(terms, gears, state, work, w):
     """Mark the slopes of load-dependent torques for measurement, and set the inertia behind rigid gears.
 
-    Behind a rigid gear the links accelerate with the motors, so that `work.inertia` tells how the load
-    follows the motors' speeds; it is 0 elsewhere.
+    Behind a rigid gear the links accelerate with the motors. So `work.inertia` is there the derivative of the
+    load by the motors' accelerations; it is 0 elsewhere.
     """
     for j in range(len(state.mode)):
         if terms.loaded[j] and state.mode[j] != 0:
@@ -310,7 +310,7 @@ def _look_ahead(gears, w, j, dt):
 
 @njit(**INNER)
 def _begin(law, state, work, motion, gears, w, k, at, h, length, dt):
-    """Set the first iterate from the previous part's accelerations, and what the controller asks for."""
+    """Set the first iterate from the previous part's accelerations, and the controller's torques."""
     n = len(state.mode)
     for j in range(n):
         position = state.q[j] + state.gap[j]

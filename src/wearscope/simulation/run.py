@@ -197,7 +197,7 @@ def _check_tracking(q: Array, law: Law, row: int, names: list[str], t: float) ->
     """Refuse a motor position that is too far from its reference."""
     wanted = zip(names, q.tolist(), law.position[row].tolist(), law.stiffness.tolist(), strict=True)
     for name, position, reference, stiffness in wanted:
-        # Without position feedback there is no reference to lose.
+        # Without position feedback a motor need not follow its reference; then only NaN is refused.
         off = abs(position - reference) if stiffness > 0.0 else 0.0 * position
         if not off < LOST:
             raise SimulationError(

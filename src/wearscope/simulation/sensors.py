@@ -9,7 +9,7 @@ from wearscope.robots.spatial import Array
 from wearscope.simulation.recording import Recording
 from wearscope.simulation.run import Trace
 
-#: A drive's speed is the difference of two encoder positions: this long [s] before and after the instant.
+#: A drive computes its speed from the encoder positions this time [s] before and after a sample.
 SPEED_TIME = 1e-3
 #: A sampling interval may differ from a whole number of steps by this share.
 _WHOLE = 1e-6

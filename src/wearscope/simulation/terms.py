@@ -127,7 +127,7 @@ def _probe_slopes(
 ):  # fmt: skip
     """Add to `jacobian` the slopes of a term's torque against the speeds that it may depend on.
 
-    `inertia` (n, n) tells how the load of a joint follows the accelerations; it is that of the links behind
+    `inertia` (n, n) is the derivative of a joint's load by the accelerations; it is that of the links behind
     rigid gears, and 0 elsewhere.
     """
     load, moves_load = motion.load[j], terms.loaded[j] and inertia[j, j] > 0.0

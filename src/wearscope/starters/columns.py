@@ -203,7 +203,7 @@ def _without_unit(name: str, kind: str) -> str:
 
 
 def tell_kind(words: Sequence[str]) -> str | None:
-    """Tell a column's kind by its words; None where no word tells it."""
+    """Return the kind of signal that a column's words indicate; None if no word does."""
     kinds = [_KIND[word] for word in words if word in _KIND]
     if not kinds:
         return None
@@ -214,7 +214,7 @@ def tell_kind(words: Sequence[str]) -> str | None:
 
 
 def _is_kind(words: Sequence[str], kind: str, column: str) -> bool:
-    """Return whether a column is of a kind, judged by its words without those of the joint."""
+    """Return whether a column holds a kind of signal; `words` are its name's words without the joint's."""
     told = tell_kind(words)
     if kind == "bare":
         return (
@@ -239,7 +239,7 @@ def _take_out(words: Sequence[str], part: Sequence[str]) -> list[str] | None:
 def find_groups(
     columns: Sequence[str], joints: Sequence[str], kind: str, movable: Sequence[str] = ()
 ) -> list[Group]:
-    """Find the sets of columns of a kind that have one column for each joint, the likeliest set first.
+    """Find sets of columns with one column of a kind of signal for each joint, the likeliest set first.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _merge(taken: _Taken) -> _Taken:
 
 
 def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return the sets that have a column for each joint: their words by their columns."""
+    """Return the words of each set that has a column for each of the n joints, by the set's columns."""
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
     for rest, taken in by_number.items():
         first = 0 if 0 in taken else 1
@@ -319,7 +319,7 @@ def _complete(by_number: _Taken, by_name: _Taken, n: int) -> dict[tuple[str, ...
 
 
 def _find_numbered(columns: Sequence[str], kind: str) -> _Taken:
-    """Return the numbered columns of a kind in sets; within a set, column by the last number in its name."""
+    """Return the numbered columns of a kind of signal: by their other words, the column of each number."""
     by_number: _Taken = {}
     for column in columns:
         words = split_name(_without_unit(column, kind))
@@ -341,10 +341,10 @@ def count_numbered(columns: Sequence[str]) -> int:
 
 
 def _own_words(joints: Sequence[str]) -> list[list[list[str]]]:
-    """Return for each joint the word lists by which a column may name it.
+    """Return for each joint the lists of words by which a column may name it.
 
-    These are all words of its name; those that other joints do not share; and, where they still tell the
-    joints apart, the latter without numbers.
+    The first has all words of the joint's name, the second those that not all joints share. The third is the
+    second without numbers, if these lists still differ between the joints.
     """
     names = [split_name(joint) for joint in joints]
     common = set.intersection(*map(set, names)) if len(names) > 1 else set()

@@ -91,8 +91,8 @@ def take_news(
         holds = {name: find_hold(x) for name, x in own.items()}
         longest = max(holds.values(), default=1)
         if longest > 1:
-            # A recorder reads all channels of a kind together. So a channel that hardly moves, and does not
-            # show how long it is held, is held as long as the others.
+            # A recorder reads all channels of one kind at the same times. So a channel that hardly moves, and
+            # whose values do not show this, is assumed to be held for as many rows as the others.
             held |= {name: longest for name, x in own.items() if not _is_quicker(x, longest)}
             kinds[kind] = longest
     if not kinds and not by_turns:

@@ -113,7 +113,7 @@ class Mapped:
     columns: Sequence[str] = ()
 
 
-#: Pattern with which a user leaves out the columns of a kind.
+#: Value of an option, such as ``--velocity``, by which a user excludes all columns of a kind of signal.
 NONE = "none"
 
 

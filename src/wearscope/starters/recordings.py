@@ -144,7 +144,7 @@ def _read(path: Path, topic: str | None, columns: Sequence[str]) -> tuple[pd.Dat
         raise
     except (*_BROKEN, csv.Error, pa.ArrowException, pd.errors.ParserWarning) as error:
         told = describe(error)
-        if told.endswith("out of memory"):  # as pandas says it
+        if told.endswith("out of memory"):  # pandas raises its own error with this message
             raise MemoryError from None
         raise InputError(f"{path}: cannot be read as a table ({told}); save it as CSV again.") from error
     raise InputError(
@@ -303,7 +303,7 @@ def _list_states(reader: Any, links: list[Any]) -> Iterator[dict[str, float]]:
     known: set[str] = set()
     for connection, received, raw in reader.messages(connections=links):
         message = reader.deserialize(raw, connection.msgtype)
-        if len({*message.name}) < len(message.name):  # nobody can tell which one is the joint's
+        if len({*message.name}) < len(message.name):  # it is unknown which value is the joint's
             again = escape_text(max(message.name, key=message.name.count))[:30]
             raise InputError(f"{links[0].topic}: names '{again}' twice; give each joint a name of its own.")
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec or received

@@ -82,7 +82,7 @@ def write_files(files: Mapping[Path, str]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
         except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place.") from None
+            raise explain_unwritten(path, error) from None
 
 
 def write_schema(folder: Path, fields: type[BaseModel]) -> str:
@@ -119,7 +119,7 @@ def new_folder(target: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         made = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     except OSError as error:
-        raise InputError(f"{target}: cannot be written ({error.strerror}); choose another place.") from None
+        raise explain_unwritten(target, error) from None
     try:
         yield made
         made.chmod(0o755)
