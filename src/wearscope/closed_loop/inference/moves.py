@@ -322,7 +322,9 @@ class Moves:
     def add_spline(self, model: Model, joint: int) -> Model | None:
         """A model with a spline at a joint, added or in the place of a name, where that is more probable."""
         names = [
-            t for t in model.terms if t.joint == joint and not t.effect.standard and not t.effect.empirical
+            t
+            for t in model.terms
+            if t.joint == joint and not (t.effect.is_in_every_drive or t.effect.empirical)
         ]
         for base, name in [(model, None), *((model.without(t), t) for t in names)]:
             if not is_complete(base):
