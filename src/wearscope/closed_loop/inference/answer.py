@@ -11,6 +11,7 @@ from wearscope.closed_loop.inference.detection_limits import find_limits
 from wearscope.closed_loop.inference.extensions import (
     UNBELIEVABLE,
     Extension,
+    extend,
     list_candidates,
     list_extensions,
 )
@@ -368,12 +369,5 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
 
 def _list_taken(model: Model) -> list[tuple[Model, Extension]]:
     """Each of a model's terms as an extension to the model without it."""
-    extensions = []
-    for term in model.terms:
-        rest = model.without(term)
-        added = rest.fit.add(term.candidate, term.subset)
-        beta, own = added.beta[term.shape], added.own[term.shape]
-        power = max(float(beta @ own @ beta), 1e-300)
-        sine = float(np.sqrt(max(float(beta @ added.inner[term.shape] @ beta), 0.0) / power))
-        extensions.append((rest, Extension(term, beta, float(added.gain[term.shape]), sine, "")))
-    return extensions
+    apart = [(model.without(t), t) for t in model.terms]
+    return [(rest, extend(rest, t.candidate, t.subset, t.alternatives, t.shape)) for rest, t in apart]

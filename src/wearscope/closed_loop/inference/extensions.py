@@ -120,27 +120,29 @@ def list_extensions(
 
 def _list_at(model: Model, joint: int, wanted: Callable[[Effect, int], bool] | None) -> list[Extension]:
     """Extensions at one joint, as `list_extensions` has them."""
-    problem, fit = model.problem, model.fit
-    by_run = problem.layout.folds.by_run
+    by_run = model.problem.layout.folds.by_run
     candidates = list_candidates(model, [joint], wanted)
     tried = sum(
         1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
         for c in candidates
     )
-    extensions = []
-    for c in candidates:
-        for subset in list_subsets(c.effect, by_run):
-            added = fit.add(c, subset)
-            s = int(np.argmax(added.gain))
-            beta, own = added.beta[s], added.own[s]
-            power = max(float(beta @ own @ beta), 1e-300)
-            sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
-            term = Term(c, subset, s, tried)
-            refusal = _refuse(problem, term, beta, own)
-            if not refusal and c.penalty is None and sine < 1e-3:
-                refusal = _CANCELLED
-            extensions.append(Extension(term, beta, float(added.gain[s]), sine, refusal))
-    return extensions
+    return [extend(model, c, subset, tried) for c in candidates for subset in list_subsets(c.effect, by_run)]
+
+
+def extend(
+    model: Model, candidate: Candidate, subset: tuple[int, ...], tried: float, shape: int | None = None
+) -> Extension:
+    """A candidate with some coefficients conditional on a model, at its best shape or at a given one."""
+    added = model.fit.add(candidate, subset)
+    s = int(np.argmax(added.gain)) if shape is None else shape
+    beta, own = added.beta[s], added.own[s]
+    power = max(float(beta @ own @ beta), 1e-300)
+    sine = float(np.sqrt(max(float(beta @ added.inner[s] @ beta), 0.0) / power))
+    term = Term(candidate, subset, s, tried)
+    refusal = _refuse(model.problem, term, beta, own)
+    if not refusal and candidate.penalty is None and sine < 1e-3:
+        refusal = _CANCELLED
+    return Extension(term, beta, float(added.gain[s]), sine, refusal)
 
 
 def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> str:
