@@ -74,9 +74,9 @@ class StudyConfig(Section):
     """Factors of the design by column name, in the design's order; the fault is `f` and comes before other
     wear factors. Whatever no factor varies stays at its nominal value."""
     design: DesignSettings = DesignSettings()
-    """The design matrix."""
+    """Design of the points that are simulated."""
     simulation: SimulationSettings = SimulationSettings()
-    """The simulation."""
+    """How design points are simulated and recorded."""
     partitions: PartitionSettings = PartitionSettings()
     """Division of a study of many robots."""
     max_failed_share: Share = 0.05
@@ -87,25 +87,25 @@ class StudyConfig(Section):
     a detector, or a test quantity. A simulation or test quantity that takes longer is a failed point; a check
     or fit that takes longer refuses the study."""
     surrogates: SurrogateSettings = SurrogateSettings()
-    """The surrogates."""
+    """Surrogates that are fitted, and the points for choosing and checking them."""
     sensitivity: SensitivitySettings = SensitivitySettings()
-    """Question Q-1."""
+    """Question Q-1: which factors disturb a detector more than wear."""
     snr: SnrSettings = SnrSettings()
-    """Question Q-2."""
+    """Question Q-2: how the detectors compare by their SNR."""
     scope: ScopeSettings = ScopeSettings()
-    """Question Q-3."""
+    """Question Q-3: at which wear and variation a detector works."""
     audit: AuditSettings = AuditSettings()
-    """The audit."""
+    """Comparison of the surrogates with direct simulation."""
     direct: DirectSettings = DirectSettings()
-    """Direct Monte Carlo."""
+    """SNR by direct simulation, without a surrogate."""
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
-    """The closed loop."""
+    """Closed loop: diagnosis and correction of a model by measured data."""
     detect: DetectSettings = DetectSettings()
     """Detectors on measured recordings."""
     export: ExportSettings = ExportSettings()
     """Export of the corrected model to other simulators."""
     tracking: TrackingSettings = TrackingSettings()
-    """Tracking of sessions."""
+    """Tracking of changes between sessions of a machine."""
     reevaluate: ReevaluateSettings = ReevaluateSettings()
     """Reevaluation: how the correction changes the study's answers."""
     allow_code: bool | list[str] = False

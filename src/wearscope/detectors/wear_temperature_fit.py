@@ -153,7 +153,10 @@ def evaluate_curves(law: Law, nodes: Array, places: Array) -> Array:
 
 @njit(cache=True)
 def _weigh(form, a, b):
-    """Return a'D b and a'(D - S S')b of two curves (K,)."""
+    """Return a'D b and a'(D - S S')b of two curves (K,).
+
+    D is the tridiagonal matrix of `form`, and S has the columns `form.seen`.
+    """
     last = len(a) - 1
     own = form.diagonal[last] * a[last] * b[last]
     for k in range(last):

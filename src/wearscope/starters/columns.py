@@ -88,7 +88,7 @@ _UNITS_OF = {
 }
 #: A bare column names no kind and is taken for the position.
 _UNITS_OF["bare"] = _UNITS_OF["position"]
-#: Unit at the end of a name, as in q1_deg; and texts in brackets.
+#: Patterns of a unit at the end of a column's name, as in q1_deg, and of a unit in brackets.
 _SUFFIX = re.compile(r"_([A-Za-z]+(?:/[A-Za-z]+)?)$")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 
