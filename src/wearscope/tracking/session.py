@@ -205,7 +205,8 @@ def tell_unknown(found: Found, structure: Structure) -> list[str]:
     for j, ratio in found.unexplained.items():
         said.append(
             f"{structure.joints[j]}: torque that no change explains, {np.sqrt(ratio):.1f} times what healthy "
-            "sessions leave (RMS), such as forces from outside. Record the session again without contact."
+            "sessions leave (RMS), such as forces from outside, play, a loose belt or a shifted encoder. "
+            "Record the session again without contact; if it stays, examine the joint."
         )
     return said
 
