@@ -119,7 +119,7 @@ def rank_by_median(
         return _rank_few(values, low, high, keys, by)
     stream = generator_for(seed, "rank", value, *by)
     median = nan_median(values)
-    # Drawn in blocks: all draws at once would take as many times the memory of the values.
+    # Drawn in blocks: all draws at once would need the memory of the values times the number of draws.
     block = max(1, _BLOCK // values.size)
     sizes = (min(block, draws - begin) for begin in range(0, draws, block))
     boot = np.concatenate([nan_median(values[bootstrap_indices(len(values), n, stream)]) for n in sizes])

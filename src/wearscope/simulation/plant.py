@@ -23,7 +23,7 @@ STATED_BY_DRIVE = (ROTOR_INERTIA,)
 #: Least elastic deflection of a gear with lost motion at the largest torque, as a share of half the lost
 #: motion. It replaces a compliance of 0, at which the deflection law cannot be inverted.
 LEAST_DEFLECTION = 1e-3
-#: Torques balance to this share of the largest torque.
+#: Allowed imbalance of torques, as a share of the largest torque.
 BALANCE = 1e-7
 
 
