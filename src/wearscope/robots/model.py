@@ -178,7 +178,7 @@ class RobotModel(Section):
         return np.array(drive.speed_limit), np.array(drive.acceleration_limit), np.array(drive.jerk_limit)
 
     def rigid_body(self, payload: Payload | None = None) -> RigidBody:
-        """Return the rigid-body dynamics with a payload, such as `declared_payload`; by default without one."""
+        """Return the rigid-body dynamics with a payload such as `declared_payload`, by default without."""
         return _make_body(self._urdf_text, tuple(self.joints), tuple(self.gravity)).with_payload(payload)
 
     def to_mapping(self) -> dict[str, Any]:
