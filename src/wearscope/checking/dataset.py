@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wearscope.closed_loop.intake.data_folder import check_file, find_inside
+from wearscope.closed_loop.intake.data_folder import find_inside
 from wearscope.closed_loop.intake.dataset import list_run_problems, read_dataset
 from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
@@ -19,6 +19,7 @@ from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.closed_loop.posing import find_prismatic, load_named_effects
 from wearscope.errors import Findings, InputError
+from wearscope.storage.files import check_plain
 from wearscope.tracking.session_names import read_sessions
 from wearscope.tracking.session_runs import check_sessions
 
@@ -86,5 +87,5 @@ def _list_resting(folder: Path, fields: DatasetFields) -> list[str]:
 
 def _is_file(path: Path) -> bool:
     """Return True for a readable file; raise InputError otherwise."""
-    check_file(path, "correct robot.urdf in dataset.yaml")
+    check_plain(path, np.inf, "correct robot.urdf in dataset.yaml")
     return True

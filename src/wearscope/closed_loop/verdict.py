@@ -1,6 +1,5 @@
 """The machine-readable outcome, and the tables with it."""
 
-import importlib.metadata
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +22,7 @@ from wearscope.closed_loop.model.prediction import (
     rms,
 )
 from wearscope.effects.viscous import EFFECT as VISCOUS
-from wearscope.storage.provenance import read_commit
+from wearscope.storage.provenance import name_version
 
 _SEED = 7
 #: A link is far from its description from this many prior standard deviations on.
@@ -87,7 +86,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "torque_factors": prepared.torque_factors,
         "far_links": [joint for joint, _ in far],
         "rule": diagnosis.policy.model_dump(),
-        "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
+        "version": name_version(),
         "joints": summarise_joints(
             prepared, diagnosis.predicted, diagnosis.states, diagnosis.error_changes, diagnosis.answer.limits
         ),

@@ -418,7 +418,7 @@ def ask_recordings(
             work.ask_all() if setting.time_limit is None else run_supervised(work.ask_all, setting.time_limit)
         )
         for kind, content in steps:
-            if kind == "begin":  # it comes again where another program killed the process
+            if kind == "begin":  # sent again when a killed process is started anew
                 found.clear()
             elif kind == "at":
                 at = content
@@ -478,6 +478,7 @@ class _Work:
     def _ask_group(
         self, group: MotionGroup, simulated: Simulated, units: dict[Cell, str]
     ) -> Iterator[tuple[str, Any]]:
+        """Fit the detectors to one motion's nominal runs, and yield their answers; see `ask_all`."""
         n, count = self.model.n, len(group.nominal)
         nominal = [simulated.simulate(Draw(np.zeros(n)), k, "nominal") for k in range(count)]
         declared = simulated.model
@@ -520,8 +521,7 @@ class _Work:
                     if failed > self.setting.max_failed_share * (len(unworn) + len(worn)):
                         raise InputError(
                             f"{group.name}: {failed} simulated runs failed, the last with: {batch} "
-                            "Correct the "
-                            "model, or raise max_failed_share."
+                            "Correct the model, or raise max_failed_share."
                         )
                     continue
                 yield ask(kind, str(number), None, draws[number], panel, batch)

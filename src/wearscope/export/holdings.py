@@ -139,7 +139,7 @@ def without_motors(held: Holdings) -> Holdings:
 
 
 def held_by(held: Holdings, format: str) -> Holdings:
-    """Holdings with what a format holds and nothing else, so that MuJoCo can run any format."""
+    """Holdings reduced to what a format can hold, so that MuJoCo can simulate any format."""
     if format == MJCF:
         return held
     zero = np.zeros_like(held.friction)
@@ -210,6 +210,7 @@ def _take(
     values: dict[str, float],
     warmth: float,
 ) -> None:
+    """Add an effect's values at a joint to the holdings, or note the formats that leave it out."""
     name = effect.name
     if isinstance(effect, BODIES):
         return

@@ -418,7 +418,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
 
 
 def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
-    """Errors on the test runs."""
+    """Section on the errors on the test runs."""
     relative = [
         {"joint": joint, "test run": run, "before [%]": number(before), "after [%]": number(after)}
         for joint, one in loop.verdict["joints"].items()
@@ -433,7 +433,7 @@ def _errors(loop: ClosedLoop, drawn: pd.DataFrame) -> Markup:
 
 
 def _residual(loop: ClosedLoop) -> Markup:
-    """Torque and residual over time and signals."""
+    """Section with charts of torque and residual over time and over signals."""
     joint = loop.foremost()
     runs = loop.residual.loc[loop.residual["use"] == "test", "run"]
     charts = charts_over_time(loop, joint, str(runs.iloc[0]) if len(runs) else "")
@@ -441,7 +441,7 @@ def _residual(loop: ClosedLoop) -> Markup:
 
 
 def _forward(loop: ClosedLoop) -> Markup:
-    """Both models simulated forward, and the measurement."""
+    """Section that compares the forward simulations of both models with the measurement."""
     table = loop.forward
     if table is None:
         return Markup("")
@@ -466,7 +466,7 @@ def _forward(loop: ClosedLoop) -> Markup:
 
 
 def _undetermined(loop: ClosedLoop) -> Markup:
-    """What the runs could not tell, and the motion that would help."""
+    """Section on effects that the runs leave undetermined, and the motion that would show each."""
     grouped: dict[tuple[str, str, str], list[str]] = {}
     for one in loop.verdict.get("undetermined") or []:
         grouped.setdefault((one["effect"], one["reason"], one["motion"]), []).append(one["joint"])
@@ -490,7 +490,7 @@ def _where(loop: ClosedLoop, joints: list[str]) -> str:
 
 
 def _notes(loop: ClosedLoop) -> Markup:
-    """Notes of the verdict, rows that do not count."""
+    """Section with the verdict's notes, and the share of rows that do not count."""
     counted = loop.residual.groupby(["run", "joint"], sort=False)["counts"].mean()
     left_out = [
         {"run": run, "joint": joint, "rows that do not count [%]": 100 * (1 - share)}

@@ -36,7 +36,7 @@ from wearscope.reporting.page import (
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
 
-#: Words of factors by kind.
+#: Factors in words, by kind.
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
 #: An alarm is told with the difference of temperature where that is larger than this [K].
 WARMER = 1.0
@@ -288,7 +288,7 @@ def axis_tables(found: Detections) -> dict[str, pd.DataFrame]:
 
 
 def chart_axis(drawn: Mapping[str, pd.DataFrame]) -> Chart:
-    """Test quantities by cell and kind, of the tables of `axis_tables`."""
+    """Chart of the test quantities by cell and kind, drawn from the tables of `axis_tables`."""
     known = {kind for table in drawn.values() for kind in table["kind"]}
     kinds = {name: colour for name, colour in KINDS.values() if name in known}
     look: dict[str, Any] = {

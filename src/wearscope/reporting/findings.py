@@ -114,7 +114,7 @@ def _judge(
     statistic: Callable[[np.ndarray], np.ndarray] = nan_median,
     units: tuple[str, str] = ("", ""), note: str = "",
 ) -> Finding:  # fmt: skip
-    """Finding on one quantity of several detectors: each exceeds a limit, or the first of a pair the second.
+    """Finding that a quantity exceeds a limit at each detector, or is larger at the first one of a pair.
 
     `units` are those of the quantity and of its differences.
     """

@@ -48,13 +48,13 @@ def joints_in(verdict: Verdict, state: str) -> list[str]:
 
 
 def is_small(one: Verdict) -> bool:
-    """Whether a joint's structure without a name is small: below the noise of a run, and of the torque."""
+    """Whether a joint's unexplained structure is at most `SMALL` % of the torque and the noise of a run."""
     left, structure, noise = (number(one.get(k)) for k in ("left_percent", "unexplained_rms", "noise_floor"))
     return one["state"] == "unexplained" and left <= SMALL and structure <= noise
 
 
 def list_unexplained(verdict: Verdict, small: bool) -> list[str]:
-    """Joints at which structure without a name is left, small or not."""
+    """Joints with unexplained structure that is small (`small`), or those where it is not."""
     return [j for j in joints_in(verdict, "unexplained") if is_small(verdict["joints"][j]) == small]
 
 
@@ -156,16 +156,16 @@ def tell_rivals(verdict: Verdict) -> str:
 
 
 def tell_load(verdict: Verdict) -> str:
-    """Sentence on loads by run or in the place of refitted masses; empty without any."""
+    """Sentence on loads that differ by run, or on refitted masses that act as a payload; empty without."""
     known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
     return f"{known[0]}." if known else ""
 
 
 def doubt_masses(verdict: Verdict) -> str:
-    """Doubts about the URDF or the torques' size by the refitted masses; empty without any."""
+    """Sentence that the refitted masses make the URDF or the torques' scale doubtful; empty if not."""
     shared = [one for one in verdict["verdict"] if one["effect"] in list_shared()]
     if any(one["status"] == "confirmed" and is_in_model(one) for one in shared):
-        return ""  # the body's error has a name
+        return ""  # a named effect, such as a payload, explains the refitted masses
     if factors := verdict.get("torque_factors"):
         low, high = min(factors.values()), max(factors.values())
         sizes = [low] if high < 1.05 * low else [low, high]
@@ -175,7 +175,7 @@ def doubt_masses(verdict: Verdict) -> str:
 
 
 def _tell_where(verdict: Verdict, joints: Sequence[str]) -> str:
-    """The joints of an effect."""
+    """Sentence part with the joints of an effect: 'at all 6 joints', or their names."""
     every, joints = list(verdict["joints"]), list(dict.fromkeys(joints))
     if len(joints) == len(every) > 2:
         return f" at all {len(every)} joints"
@@ -268,7 +268,7 @@ def tell_left(one: Verdict) -> str:
 def tell_why(one: Verdict) -> str:
     """Evidence of unexplained structure; where the reason has codes of signals, their names instead."""
     if one["reason"].startswith("training runs contradict"):
-        return str(one["reason"])  # which is why it seems to depend on a signal
+        return str(one["reason"])  # the contradiction makes it seem to depend on signals
     if on := join_words([*map(name_signal, one["depends_on"])]):
         return f"it depends on {on}"
     return one["reason"] or "it depends on no known signal"

@@ -93,7 +93,7 @@ def _summarise(study: Study, overview: pd.DataFrame) -> Markup:
 
 
 def _caveat(overview: pd.DataFrame) -> str:
-    """Robots and test-cycles where no wear is found; else that everything is simulated."""
+    """Sentence on robots and test-cycles where no wear is found; else that everything is simulated."""
     lost = overview[overview["wear"].isna()]
     if lost.empty:
         return SIMULATED
@@ -106,7 +106,7 @@ def _count(n: int) -> str:
 
 
 def _compare(study: Study, overview: pd.DataFrame) -> list[str]:
-    """Detectors that are recommended, and how far what is found spreads over robots and test-cycles."""
+    """Sentences on the recommended detectors, and on the range of the wear found over robots and cycles."""
     counts = overview.drop_duplicates("robot")["detector"].value_counts()
     used = [f"{name or 'none'} on {count_text(int(count), 'robot')}" for name, count in counts.items()]
     said = [f"Detector to use by robot: {join_words(used)}."]
@@ -152,7 +152,7 @@ def _rank(study: Study) -> Markup:
 
 
 def _weigh(study: Study) -> Markup:
-    """Terms by the share of cells in which they outweigh wear."""
+    """Table of terms by the share of cells in which they outweigh wear."""
     table = study.sensitivity[study.sensitivity["term"] != "f"]
     table = table.sort_values(["share_relevant", "median_absolute"], ascending=False, kind="stable")
     shares = table[["share_relevant", "share_low", "share_high"]].mul(100)

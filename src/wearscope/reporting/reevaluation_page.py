@@ -87,7 +87,7 @@ def draw_change(one: Reevaluation) -> Markup:
 
 
 def _summarise(one: Reevaluation) -> Markup:
-    """Answers that are withheld, assumptions, and the chart of every SNR."""
+    """Section on answers that are withheld and on assumptions, with the chart of every SNR."""
     notes = say_lines(_WORDS, "assumed", _group_assumed(one))
     return render_part(notes=notes, parts=[draw_change(one)], listed=tell_withheld(one))
 

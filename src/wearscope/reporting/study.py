@@ -23,9 +23,9 @@ class Study:
     Tables are as the stages write them, and None or empty where the study did not ask for one. `snr` is from
     the surrogate that answers, `paper_snr` from the paper's model (3). `loops` holds ``verdict.json`` by data
     set; the demonstration is called ``twin``, and `planted` is the truth that was planted in it. `figures`
-    holds files by name, `sources` the origin of each robot's numbers by robot. `conclusions` has that on all
-    robots together first, then one for each where there are several. `units` are those of the detectors' test
-    quantities.
+    holds files by name, `sources` the origin of each robot's numbers by robot. `conclusions` has the one
+    on all robots together first, then one for each where there are several. `units` are those of the
+    detectors' test quantities.
     """
 
     config: Mapping[str, Any]

@@ -359,7 +359,7 @@ def render_findings(findings: Sequence[Finding]) -> Markup:
 
 
 def render_simulated(study: Study) -> Markup:
-    """The robots' friction, and what was assumed."""
+    """Section on what was simulated: the robots' friction, and what was assumed."""
     return render_template(
         "study/simulated.html",
         friction=embed_chart(chart_friction(study.friction)) if study.friction is not None else "",
@@ -413,7 +413,7 @@ def _extrapolation(study: Study) -> str:
 
 
 def render_provenance(study: Study) -> Markup:
-    """Facts, configuration, packages."""
+    """Section on provenance: facts of the run, its configuration, versions of packages."""
     facts = {name: value for name, value in study.provenance.items() if not isinstance(value, dict)}
     rows = [{"what": name, "value": "n/a" if one is None else str(one)} for name, one in facts.items()]
     packages = study.provenance.get("packages") or {}

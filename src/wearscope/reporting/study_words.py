@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 CHOSEN = "chosen"
 _TRUST = "study/trust_words.html"
-#: Path of the number that own studies double (`starters.study`), with the study's direct question.
+#: Path of the Coulomb friction, which the direct question of a user's own study doubles (`starters.study`).
 _COULOMB = "effects.friction_wear_temperature.all.eta0 %"
 POOR_FIT = 50.0
 """Fit [%] below which what a surrogate says is doubted: it leaves more than a quarter of the variance."""
@@ -183,7 +183,7 @@ def tell_moved(study: Study, detector: str) -> str:
 
 
 def ask_moved(study: Study) -> list[Markup]:
-    """Commands that compute what half or double the friction changes, where friction is assumed.
+    """Commands that compute how half or double the friction changes the answers, where friction is assumed.
 
     There are none where the study has computed that already.
     """

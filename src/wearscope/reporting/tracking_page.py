@@ -81,7 +81,7 @@ class Tracking:
         return [(one["session"], entry) for one in self.outcome["sessions"] for entry in one["changes"]]
 
     def changed_before(self) -> list[str]:
-        """Earlier sessions with a change, or with friction that changed elsewhere than in the last one."""
+        """Earlier sessions with a change, or with changed friction at joints where the last has none."""
         return [
             one["session"]
             for k, one in enumerate(self.outcome["sessions"][:-1])
@@ -98,7 +98,7 @@ class Tracking:
         }
 
     def open_since(self, joint: str) -> str:
-        """First of the sessions, up to the last one without a break, with such a change at a joint."""
+        """Session from which on every session, up to the last, has such a change at a joint."""
         sessions = self.outcome["sessions"]
         place = len(sessions) - 1
         while place > 0 and joint in self.open_changes(place - 1):
@@ -273,7 +273,7 @@ def tell_entry(entry: Mapping[str, Any]) -> str:
 
 
 def _outcome(tracking: Tracking) -> Markup:
-    """Changes of the last session, what it does not show, and the smallest change that it would show."""
+    """Section on the last session: changes, what it does not show, the smallest change it would show."""
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
     changes = [*(upper_first(tell_entry(entry)) for entry in last["changes"]), *unknown]

@@ -194,13 +194,13 @@ def _list_inner(one: Any) -> Iterable[Any]:
     return one.values() if isinstance(one, dict) else one if isinstance(one, list) else ()
 
 
-def check_plain(path: str | Path, most: int, remedy: str) -> None:
+def check_plain(path: str | Path, most: float, remedy: str) -> None:
     """Refuse a path that is no regular file, or a file that is too large; reading a pipe may never end.
 
     Parameters
     ----------
     path : path-like
-    most : int
+    most : float
         Largest size [bytes].
     remedy : str
         What the user can do, for the message.

@@ -70,6 +70,11 @@ def read_commit() -> str | None:
     return _git("rev-parse", "HEAD")
 
 
+def name_version() -> str:
+    """Return the platform's version and commit in words."""
+    return f"{metadata.version('wearscope')} ({read_commit() or 'commit not known'})"
+
+
 def _git(*arguments: str) -> str | None:
     """Return git's output in the platform's checkout, or None if git fails.
 

@@ -191,6 +191,7 @@ class Evidence:
         return np.concatenate([*own, self.z.shape[2] + np.arange(self.random.shape[2])]).astype(int)
 
     def _fit(self, changes: tuple[Change, ...]) -> Fit:
+        """Fit of changes and random effects to all rows, and its residual on rows held out in turn."""
         at = self._columns(changes)
         k = len(at) - self.random.shape[2]
         z = self.z[:, :, at[:k]]
@@ -325,9 +326,9 @@ def measure_scatter(
 ) -> np.ndarray:
     """Standard deviation of each of `scatter_columns` between healthy sessions, each against the others.
 
-    It is estimated by expectation and maximisation (Dempster, Laird and Rubin 1977, JRSS B 39). A session's
-    deviation is divided between its scatter, by the present estimate, and the error of the others'
-    prediction.
+    It is estimated by expectation and maximisation (Dempster, Laird and Rubin 1977, JRSS B 39). Each
+    iteration divides a session's deviation between its scatter, by the present estimate, and the error of
+    the others' prediction.
 
     Parameters
     ----------

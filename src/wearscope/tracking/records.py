@@ -20,7 +20,7 @@ def record_assessment(assessment: Assessment, reference: Reference) -> dict[str,
     told = {(e["joint"], e["effect"], e["parameter"]): e for e in entries if e["unit"] == "kg"}
     for row in estimates["rows"]:
         entry = told.get((row["joint"], row["effect"], row["parameter"]))
-        if entry is not None and row["named"]:  # the mass of a point, as the answer states it
+        if entry is not None and row["named"]:  # a body's mass, as `tracking.json` states it
             low, high = entry["ci95"]
             row |= {"change": entry["change"], "change_low": low, "change_high": high}
             row |= {"value": entry["change"], "value_low": low, "value_high": high}

@@ -374,9 +374,8 @@ def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray)
         x[..., :p] = r.columns
         start = p + extra * names.index(r.run.session)
         for k, j in enumerate(moving):
-            for viscous in (False, True):
-                column = structure.friction_column(r.signals, int(j), viscous)
-                x[:, j, start + 2 * k + viscous] = PRIOR_FRICTION * r.run.reduce_columns(column, int(j))
+            for i, column in enumerate(structure.friction_columns(r.signals, int(j))):
+                x[:, j, start + 2 * k + i] = PRIOR_FRICTION * r.run.reduce_columns(column, int(j))
         x = (x * r.weights[:, :, None]).reshape(-1, size)
         y = (r.target * r.weights).ravel()
         hessian += x.T @ x

@@ -87,7 +87,7 @@ def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
     """
     s, parts = rows.signals, []
     for j in map(int, structure.moving):
-        coulomb, viscous = (structure.friction_column(s, j, of_speed) for of_speed in (False, True))
+        coulomb, viscous = structure.friction_columns(s, j)
         slow = coulomb * np.exp(-np.abs(s.v[:, j]) / (_SLOW * structure.frame.top_speed[j]))
         level = np.full(len(s.t), structure.scales.torque[j])
         own = np.column_stack([coulomb, viscous, slow, np.asarray(s.torque)[:, j], level])

@@ -1,6 +1,5 @@
 """Tracking a data set in stages: the reference once, each later session by itself, then all of them."""
 
-import importlib.metadata
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.effects.base import load_effect
 from wearscope.robots.model import save_model
 from wearscope.storage import tables
-from wearscope.storage.provenance import read_commit
+from wearscope.storage.provenance import name_version
 from wearscope.tracking.changes import FRICTION
 from wearscope.tracking.evidence import FALSE_ALARM_RATE, PRIOR_FRICTION
 from wearscope.tracking.records import collect_series, describe_reference, record_assessment, record_healthy
@@ -175,7 +174,7 @@ def write_tracking(
         "wear": worn,
         "healthy": describe_reference(reference, healthy),
         "notes": [*sessions.notes, *tell_scatter(reference), *(n for r in later for n in r["notes"])],
-        "version": f"{importlib.metadata.version('wearscope')} ({read_commit() or 'commit not known'})",
+        "version": name_version(),
     }
     table = pd.DataFrame(rows, columns=_COLUMNS)
     tables.write_table(Path(folder) / "changes.parquet", table, _UNITS)

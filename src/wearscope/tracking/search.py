@@ -114,6 +114,7 @@ class _Search:
         )
 
     def _is_possible(self, fit: Fit, change: Change) -> bool:
+        """Whether a fitted change is significant, large enough, and within what a machine can do."""
         value, error = fit.values[change.key], fit.error(change)
         if fit.p_value(change) > _CHANCE:
             return False

@@ -11,7 +11,13 @@ from wearscope.closed_loop.intake.filtering import Band, choose_factor
 from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun, known_inertia
 from wearscope.closed_loop.intake.preprocessing import bridge_gaps, finish_run, leave_out_short, make_rough
-from wearscope.closed_loop.intake.sources import RESTS, MovingJoints, clean_runs, widest_reach
+from wearscope.closed_loop.intake.sources import (
+    RESTS,
+    MovingJoints,
+    clean_runs,
+    leave_out_still,
+    widest_reach,
+)
 from wearscope.closed_loop.intake.thinning import prepare_thinned
 from wearscope.closed_loop.posing import find_prismatic
 from wearscope.errors import InputError
@@ -66,12 +72,7 @@ def prepare_runs(dataset: Dataset, frame: Frame) -> tuple[list[PreparedRun], lis
     """
     notes = list(dataset.notes)
     sources = clean_runs(dataset, frame.urdf, notes, frame.reach)
-    moves = [s for s in sources if np.ptp(s.run.q, axis=0).max() >= RESTS * frame.reach.max()]
-    notes += [
-        f"{s.run.label}: the robot stands still; the run is left out."
-        for s in sources
-        if not any(s is m for m in moves)
-    ]
+    moves = leave_out_still(sources, RESTS * frame.reach.max(), notes)
     if not moves:
         files = ", ".join(run.file for run in dataset.runs)
         raise InputError(f"{dataset.folder}: the robot stands still in {files}; record it in motion.")

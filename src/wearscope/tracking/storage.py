@@ -98,6 +98,7 @@ def load_reference(
 def _restore(
     arrays: dict[str, np.ndarray], words: dict[str, Any], own: set[str], allow_code: bool
 ) -> tuple[Reference, list[dict[str, Any]]]:
+    """Reference and its sessions' records, from the arrays and the texts of a file."""
     n = len(words["joints"])
     entries = tuple(
         ModelTerm(

@@ -165,12 +165,10 @@ class Structure:
         motor = predict_motor(model, self.theta, run, signals)
         return replace(signals, torque=motor, lag=find_lags(model, self.theta))
 
-    def friction_column(self, signals: Signals, joint: int, viscous: bool) -> np.ndarray:
-        """Torque (N,) of Coulomb or viscous friction, scaled to the RMS of the joint's whole friction."""
-        if viscous:
-            size = self.scales.friction[joint] / self.scales.speed[joint]
-            return np.asarray(size * signals.v[:, joint])
-        return np.asarray(self.scales.friction[joint] * signals.sign[:, joint])
+    def friction_columns(self, signals: Signals, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """Torque (N,) of Coulomb and of viscous friction, each with the RMS of the joint's whole friction."""
+        size = self.scales.friction[joint]
+        return size * signals.sign[:, joint], size / self.scales.speed[joint] * signals.v[:, joint]
 
     def place(self, joint: int, columns: np.ndarray) -> np.ndarray:
         """Columns (N, p) of one joint's torque as regressors (N, n, p)."""
@@ -189,8 +187,7 @@ class Structure:
             warmth = signals.temperature[:, j]
             known = np.where(np.isfinite(warmth), warmth, self.temperature[j])
             features = temperature_features(known, float(self.temperature[j]))
-            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
-            parts += [self.place(j, features * side) for side in sides]
+            parts += [self.place(j, features * one[:, None]) for one in self.friction_columns(signals, j)]
         if not parts:
             return np.zeros((len(signals.t), self.n, 0))
         return np.concatenate(parts, axis=2)
@@ -203,6 +200,7 @@ class Structure:
                 continue
             if np.isfinite(self.temperature[j]) and np.isfinite(signals.temperature[:, j]).all():
                 continue
-            sides = [self.friction_column(signals, j, viscous)[:, None] for viscous in (False, True)]
-            parts += [self.place(j, SLOPE * UNRECORDED * side) for side in sides]
+            parts += [
+                self.place(j, SLOPE * UNRECORDED * one[:, None]) for one in self.friction_columns(signals, j)
+            ]
         return np.concatenate(parts, axis=2)

@@ -7,8 +7,9 @@ import numpy as np
 
 from wearscope.closed_loop.model.regression import Regression
 
-#: Runs that are left out of a fit contradict the fitted runs where their error (RMS) is more than the first
-#: number times the fitted runs' error, and where leaving them out lowers the latter below the second share.
+#: Runs that are left out of a fit contradict the fitted runs under two conditions: their RMS error is more
+#: than the first number times the fitted runs' error, and without them the fitted runs' error falls below the
+#: second share of what it was.
 _APART, _QUIETER = 3.0, 0.7
 
 

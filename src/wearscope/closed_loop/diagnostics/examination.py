@@ -33,7 +33,7 @@ def signal_table(prepared: Prepared) -> pd.DataFrame:
 
 
 def _units(prepared: Prepared) -> tuple[str, str]:
-    """Units of position and torque, with words where joints differ."""
+    """Units of position and torque; both units and 'by joint' where joints differ."""
     dataset = prepared.dataset
     position, torque = set(dataset.position_unit), set(dataset.torque_unit)
     return (
@@ -43,7 +43,7 @@ def _units(prepared: Prepared) -> tuple[str, str]:
 
 
 def _write(out: Path, name: str, table: pd.DataFrame, prepared: Prepared, units: dict[str, str]) -> None:
-    """Write a table; torque and motion columns get their units by their names."""
+    """Write a table with the units of its columns, which follow from their names or from `units`."""
     position, torque = _units(prepared)
     known = {"t": "s", "seconds": "s", "q": position, "qd": f"{position}/s", "qdd": f"{position}/s^2"}
     known |= {"load": torque, "temp": "degC", "measured": torque}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from wearscope.closed_loop.intake.dataset_fields import state_payload
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.delays import find_shift
@@ -34,8 +35,7 @@ def make_reference(run: PreparedRun) -> Reference:
 
 def with_payload(model: RobotModel, prepared: Prepared, run: PreparedRun) -> RobotModel:
     """Model that carries the payload a run declares."""
-    payload = next(one.payload for one in prepared.dataset.runs if one.file == run.file)
-    stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
+    stated = state_payload(prepared.record_of(run).payload)
     return model if model.to_mapping().get("payload") == stated else model.replace(payload=stated)
 
 
@@ -200,6 +200,7 @@ def mean_temperature(run: PreparedRun) -> np.ndarray:
 def _summarise(
     prepared: Prepared, file: str, stage: str, parts: dict[str, list], seconds: float, outcome: str
 ) -> list[dict]:
+    """Rows of the table of `compare_forward` for one run and stage, one per joint."""
     n = prepared.n
     block = max(4, int(4 * prepared.band.torque))
     values = {}

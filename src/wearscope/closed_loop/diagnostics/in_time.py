@@ -152,7 +152,7 @@ def hold_waves(t: np.ndarray, x: np.ndarray, frequencies: np.ndarray) -> np.ndar
 
 
 def _average(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and means of equal stretches of a residual, less its mean and with knocks cut."""
+    """Times [s] of equal stretches of a residual, and their means without outliers, less the whole mean."""
     every = max(1, len(x) // _LINE_ROWS)
     (mean,) = average(every, x)
     return (np.arange(len(mean)) + 0.5) * every / rate, cut_knocks(mean - mean.mean())

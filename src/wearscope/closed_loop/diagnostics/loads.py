@@ -70,7 +70,7 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
-    unit = max(size[0], 1e-300)  # zero where the motion of one joint shows no mass
+    unit = max(size[0], 1e-300)  # the size is 0 where a single joint moves so that no torque shows its load
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
@@ -197,7 +197,7 @@ def _gather(
 
 
 def _fit_again(after: Regression, halves: Sequence[_Half]) -> np.ndarray:
-    """Change (M,) of a model's coefficients that are refitted with a load of its own for each half run."""
+    """Change (M,) of the model's coefficients, refitted together with a separate load for each half run."""
     normal, right = after.prior.copy(), np.zeros(after.p)
     for load, left, model in halves:
         basis, sizes, _ = np.linalg.svd(load, full_matrices=False)

@@ -23,7 +23,7 @@ from wearscope.closed_loop.diagnostics.plan import (
     make_planned_run,
 )
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, Sums, list_names, look_along
-from wearscope.closed_loop.intake.dataset_fields import PayloadFields
+from wearscope.closed_loop.intake.dataset_fields import PayloadFields, state_payload
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.cycles.base import Reference, check_reference, list_cycles, load_cycle
 from wearscope.cycles.planned import PlannedMotion, write_cycle
@@ -127,8 +127,7 @@ def list_plans(
     for name, motion, build in built:
         planned = len(temperatures) and (chosen is None or name in chosen)
         for payload in payloads if planned else ():
-            stated = None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
-            carrying = model.replace(payload=stated)
+            carrying = model.replace(payload=state_payload(payload))
             try:
                 reference = build(carrying, DWELL, step)
                 reference = hold_still(reference, prepared.moving, carrying)
@@ -248,6 +247,7 @@ def _compare(comparisons: Sequence[_Comparison], prepared: Prepared, plans: Iter
 
 
 def _promise(comparison: _Comparison, prepared: Prepared, plan: Plan, sums: Sums) -> NextMeasurement:
+    """Measurement with the fewest runs of a plan that tell the names apart with probability `POWER`."""
     rivalry, joint = comparison.rivalry, prepared.dataset.joints[comparison.joint]
     before = rivalry.worst(rivalry.recorded)
     runs, power, after = LEAST_RUNS, 0.0, before

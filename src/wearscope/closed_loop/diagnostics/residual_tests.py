@@ -98,7 +98,7 @@ def see_motion(
         if len(x) < 100:
             continue
         size = max(float(np.sqrt(np.mean(x**2) * np.mean(y**2))), 1e-300)
-        # Agreement by chance under autocorrelated noise: the same runs, shifted against each other.
+        # Runs that are shifted against each other show how well autocorrelated noise agrees by chance.
         shifts = np.linspace(0.2, 0.8, 60) * len(x)
         share, *chance = (float(np.mean(x * np.roll(y, int(k)))) / size for k in (0.0, *shifts))
         if share > max(_SURE * float(np.sqrt(np.mean(np.square(chance)))), np.abs(chance).max()):
@@ -254,7 +254,7 @@ def see_test_error(train: Sequence[Residual], error: float, noisier: float = 1.0
         usual = logs.mean() + stats.t.isf(LEVEL, len(logs) - 1) * width
         if np.log(test) < min(usual, logs.max() + 2.0 * np.log(_ALIKE)):
             return []
-    # By how much the test error is larger, relative to the training error, as all other shares are.
+    # Excess variance of the test residual over the training residual's, to which all other shares refer too.
     share = min((test / own) ** 2 - 1.0, 1.0)
     return [Seen(share, [], f"the test runs' error is {error / own:.1f} times the training runs'")]
 

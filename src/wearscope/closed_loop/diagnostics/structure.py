@@ -71,7 +71,7 @@ def judge_joints(
     named : sequence of ModelTerm
         Named terms of the corrected model.
     left : mapping of int to Left
-        By joint, structure that the search found and that no term could take up.
+        By joint, structure that the search found and that no term could explain.
     policy : Policy
     withdrawn : sequence of (ModelTerm, float, str)
         Named terms that the corrected model lacks, each with its share of the held-out loss and the reason.
@@ -127,7 +127,7 @@ def list_train_repeats(prepared: Prepared) -> list[tuple[int, int]]:
 
 
 def _from_left(left: Mapping[int, Left], joint: int) -> list[Seen]:
-    """Structure that the search found at a joint and that no term could take up."""
+    """Structure that the search found at a joint and that no term could explain."""
     return [Seen(one.share, one.depends_on, one.reason) for j, one in left.items() if j == joint]
 
 

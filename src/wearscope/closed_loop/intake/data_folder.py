@@ -1,4 +1,4 @@
-"""Paths of a data set: inside its folder, and ordinary files only."""
+"""Files that a data set names: paths inside its folder, their digest, their text."""
 
 import hashlib
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 from wearscope import limits
 from wearscope.errors import InputError
-from wearscope.storage.files import digest_file
+from wearscope.storage.files import check_plain, digest_file
 
 
 def find_inside(folder: Path, name: str, where: str) -> Path:
@@ -80,37 +80,18 @@ def digest_dataset(folder: Path, content: Mapping[str, Any]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def check_file(path: Path, remedy: str) -> None:
-    """Refuse what is no ordinary file: a pipe or a device would hang or never end.
-
-    Raises
-    ------
-    InputError
-    """
-    try:
-        there, ordinary = path.exists(), path.is_file()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be looked at ({type(error).__name__}); {remedy}.") from error
-    if not there:
-        raise InputError(f"{path}: no such file, or not readable; {remedy}.")
-    if not ordinary:
-        raise InputError(f"{path}: is no ordinary file; {remedy}.")
-
-
 def read_text(path: Path, remedy: str) -> str:
     """Text of a file.
 
     Raises
     ------
     InputError
-        Where it is missing, no ordinary file, too large, or not UTF-8.
+        Where it is missing, no plain file, too large, or not UTF-8.
     """
-    check_file(path, remedy)
+    check_plain(path, limits.YAML_BYTES, remedy)
     try:
-        if path.stat().st_size > limits.YAML_BYTES:
-            raise InputError(f"{path}: holds more than {limits.YAML_BYTES} bytes; {remedy}.")
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: no such file, or not readable; {remedy}.") from error
+        raise InputError(f"{path}: not readable; {remedy}.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not readable as YAML (it is not UTF-8 text); save it as UTF-8.") from error

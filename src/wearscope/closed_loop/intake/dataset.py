@@ -15,7 +15,7 @@ import numpy as np
 
 from wearscope.closed_loop.intake.acceptance import Acceptance
 from wearscope.closed_loop.intake.clock import check_clock, split_at_gaps
-from wearscope.closed_loop.intake.data_folder import check_file, digest_dataset, find_inside
+from wearscope.closed_loop.intake.data_folder import digest_dataset, find_inside
 from wearscope.closed_loop.intake.dataset_fields import (
     DatasetFields,
     PayloadFields,
@@ -30,6 +30,7 @@ from wearscope.closed_loop.intake.repeats import Signature, find_copies, sign_ru
 from wearscope.closed_loop.intake.servo import merge_notes, take_torques
 from wearscope.closed_loop.intake.table_files import read_columns, take_column, take_given, take_positions
 from wearscope.errors import InputError
+from wearscope.storage.files import check_plain
 
 #: Lowest and highest believable temperature of a machine [deg C].
 _COLDEST, _HOTTEST = -60.0, 250.0
@@ -123,6 +124,7 @@ class Dataset:
 
 
 def _read_run(folder: Path, entry: RunFields, fields: DatasetFields) -> Run:
+    """Recording in joint order, with the signs, factors and zeros that `dataset.yaml` states."""
     path, joints = folder / entry.file, fields.robot.joints
     frame = read_columns(path)
     t = fields.time_scale * take_column(path, frame, "t")
@@ -306,7 +308,7 @@ def read_dataset(
     if choose is not None:
         fields = fields.model_copy(update={"runs": choose(fields)})
     urdf = find_inside(folder, fields.robot.urdf, f"{path}: robot.urdf")
-    check_file(urdf, "correct robot.urdf in dataset.yaml")
+    check_plain(urdf, np.inf, "correct robot.urdf in dataset.yaml")
     if set(fields.readings().values()) == {"without_gravity"}:
         robot = fields.robot.model_copy(update={"gravity": [0.0, 0.0, 0.0]})
         fields = fields.model_copy(update={"robot": robot})

@@ -47,6 +47,11 @@ class PayloadFields(_Fields):
     com: list[_Distance] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
 
 
+def state_payload(payload: PayloadFields | None) -> dict[str, Any] | None:
+    """Payload as a robot model states it; None without a payload."""
+    return None if payload is None else {"mass": payload.mass, "com": list(payload.com)}
+
+
 class RunFields(_Fields):
     """Fields of an entry of `runs`."""
 
@@ -150,23 +155,26 @@ def list_breaches(path: Path) -> list[str]:
     InputError
         Where the file cannot be read, or holds no fields.
     """
-    content = load_fields(path)
+    return _validate(path, load_fields(path))[1]
+
+
+def _validate(path: Path, content: dict) -> tuple[DatasetFields | None, list[str]]:
+    """Fields as written, or None and one sentence for each that is wrong by itself."""
     try:
-        DatasetFields.model_validate(content)
+        return DatasetFields.model_validate(content), []
     except ValidationError as error:
         found: dict[tuple[str, ...], str] = {}
         for one in error.errors():
             # A field that allows two types has an error for each; the first one is kept.
             place = tuple(str(part) for part in one["loc"] if "[" not in str(part))
-            found.setdefault(place, str(_explain(path, content, one)))
-        return list(dict.fromkeys(found.values()))
+            found.setdefault(place, _explain(path, content, one))
+        return None, list(dict.fromkeys(found.values()))
     except (RecursionError, ValueError, OverflowError) as error:
-        return [f"{path}: holds a value that cannot be read ({str(error)[:100]})."]
-    return []
+        return None, [f"{path}: holds a value that cannot be read ({str(error)[:100]})."]
 
 
-def _explain(path: Path, content: dict, first: Any) -> InputError:
-    """Error that names a wrong field; where a missing field stands there misspelt, it says so."""
+def _explain(path: Path, content: dict, first: Any) -> str:
+    """Sentence that names a wrong field; where a missing field stands there misspelt, it says so."""
     parts = [p for p in first["loc"] if isinstance(p, int) or p.isidentifier()]
     place = ""
     siblings: Any = content
@@ -176,7 +184,7 @@ def _explain(path: Path, content: dict, first: Any) -> InputError:
             near = difflib.get_close_matches(str(part), [str(key) for key in siblings], n=1, cutoff=0.7)
             if near and k == len(parts) - 1:
                 where = f"{path}: {place.rpartition('.')[0]}".rstrip(": ")
-                return InputError(f"{where}: there is no field '{near[0]}'; did you mean '{part}'?")
+                return f"{where}: there is no field '{near[0]}'; did you mean '{part}'?"
             break
         try:
             siblings = siblings[part]
@@ -189,9 +197,7 @@ def _explain(path: Path, content: dict, first: Any) -> InputError:
         told = f"should hold fields of its own, as 'name: value', but is {str(first['input'])[:40]!r}"
     elif first["type"] not in ("too_short", "too_long"):
         told += f", but is {str(first['input'])[:40]!r}"
-    return InputError(
-        f"{path}: field '{place}' {told[0].lower()}{told[1:]}; correct it as docs/measured-data.md says."
-    )
+    return f"{path}: field '{place}' {told[0].lower()}{told[1:]}; correct it as docs/measured-data.md says."
 
 
 def load_fields(path: Path) -> dict[Any, Any]:
@@ -224,13 +230,9 @@ def read_fields(path: Path, notes: list[str]) -> DatasetFields:
     ------
     InputError
     """
-    content = load_fields(path)
-    try:
-        fields = DatasetFields.model_validate(content)
-    except ValidationError as error:
-        raise _explain(path, content, error.errors()[0]) from error
-    except (RecursionError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: holds a value that cannot be read ({str(error)[:100]}).") from error
+    fields, wrong = _validate(path, load_fields(path))
+    if fields is None:
+        raise InputError(wrong[0])
     folder_name(fields.name, str(path))
     # `sample_rate` is that of the time column as recorded; times are multiplied by `time_scale`.
     fields.sample_rate /= fields.time_scale

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import interpolate
 
-from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.intake.filtering import Band, decimate, thin
 from wearscope.closed_loop.intake.lost_motion import choose_lost_motion_cutoffs
@@ -189,6 +189,10 @@ class Prepared:
     def runs_for(self, use: str) -> list[PreparedRun]:
         """Runs of one use."""
         return [run for run in self.runs if run.use == use]
+
+    def record_of(self, run: PreparedRun) -> RunRecord:
+        """Recording that a run is, or is a piece of."""
+        return next(one for one in self.dataset.runs if one.file == run.file)
 
     def reverse_over(self, reversals: Reversals) -> "Prepared":
         """The same data set with other reversals of the direction of motion."""

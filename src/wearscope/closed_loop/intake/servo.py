@@ -133,6 +133,7 @@ def merge_notes(notes: Sequence[str]) -> list[str]:
 
 
 def _read_off(path: Path, frame: pd.DataFrame, joint: str) -> np.ndarray:
+    """Mask (N,) of rows in which a servo's torque is off; no row where the column is missing."""
     name = f"on_{joint}"
     if name not in frame.columns:
         return np.zeros(len(frame), dtype=bool)
@@ -145,6 +146,7 @@ def _read_off(path: Path, frame: pd.DataFrame, joint: str) -> np.ndarray:
 
 
 def _read_volts(path: Path, frame: pd.DataFrame, joint: str, servo: ServoFields) -> np.ndarray | float:
+    """Supply [V] of a servo: its column (N,), else the value that `servo` states."""
     if f"volts_{joint}" in frame.columns:
         volts = take_column(path, frame, f"volts_{joint}")
         if volts.min() < 0.0:

@@ -102,7 +102,7 @@ def check_speeds(prepared: Prepared, ask_clock: Callable[[float], float]) -> Non
 
 def _compare_speeds(prepared: Prepared, run: PreparedRun) -> dict[int, tuple[float, float]]:
     """Ratio of recorded speed to the position's slope, and their correlation, for each joint that moves."""
-    recorded, found = next(r for r in prepared.dataset.runs if r.file == run.file).load(), {}
+    recorded, found = prepared.record_of(run).load(), {}
     if recorded.qd is None:
         return {}
     slope = differentiate(low_pass(run.signals.q, run.band.torque, run.band.rate), run.band.rate)
@@ -123,7 +123,7 @@ def _check_frozen(prepared: Prepared, run: PreparedRun) -> None:
     The torque of a locked joint may change too: its brake and its motor share the load that the other joints'
     motion makes. A torque of mere noise is recognised by its share above the common cut-off.
     """
-    recorded = next(r for r in prepared.dataset.runs if r.file == run.file)
+    recorded = prepared.record_of(run)
     for j in np.flatnonzero(recorded.reach == 0.0).tolist():
         load = run.reduce(run.known[:, [j]])[:, 0]
         swing, torque = _span(run.measured[:, j] - load), _span(run.measured[:, j])

@@ -203,12 +203,7 @@ def leave_out_rest(
         )
     furthest = np.array([r.max() for r in reach])
     usual = float(np.quantile(furthest[furthest >= _LEAST_MOTION], 0.75))
-    kept = []
-    for source, far in zip(sources, furthest, strict=True):
-        if far < RESTS * usual:
-            notes.append(f"{source.run.label}: the robot stands still; the run is left out.")
-        else:
-            kept.append(source)
+    kept = leave_out_still(sources, RESTS * usual, notes)
     for use in ("train", "test"):
         if not any(source.run.use == use for source in kept):
             raise InputError(
@@ -224,6 +219,17 @@ def leave_out_rest(
             named = ", ".join(np.array(dataset.joints)[some])
             notes.append(f"{named}: {told}.")
     return kept, MovingJoints(moving & counted, _find_top_speeds(kept, dataset.fields.sample_rate))
+
+
+def leave_out_still(sources: list[Source], least: float, notes: list[str]) -> list[Source]:
+    """Runs in which a joint travels `least` (rad or m) or more; the others are noted and left out."""
+    kept = []
+    for source in sources:
+        if np.ptp(source.run.q, axis=0).max() < least:
+            notes.append(f"{source.run.label}: the robot stands still; the run is left out.")
+        else:
+            kept.append(source)
+    return kept
 
 
 def _find_top_speeds(sources: list[Source], rate: float) -> np.ndarray:

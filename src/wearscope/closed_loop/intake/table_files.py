@@ -11,9 +11,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from wearscope import limits
-from wearscope.closed_loop.intake.data_folder import check_file
 from wearscope.errors import InputError
 from wearscope.processes import bound_memory
+from wearscope.storage.files import check_plain
 from wearscope.storage.tables import check_size, check_unpacked
 
 #: Fewest rows, and shortest time [s], of a run.
@@ -76,9 +76,9 @@ def read_columns(path: Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        Where the file is missing, no ordinary file, of another kind, damaged, or names a column twice.
+        Where the file is missing, no plain file, of another kind, damaged, or names a column twice.
     """
-    check_file(path, "correct runs[].file in dataset.yaml or add the file")
+    check_plain(path, np.inf, "correct runs[].file in dataset.yaml or add the file")
     kind = path.suffix.lower()
     if kind not in (".csv", ".parquet"):
         raise InputError(f"{path}: is neither .parquet nor .csv; convert it to one of them.")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from wearscope.closed_loop.intake.dataset import Dataset
+from wearscope.closed_loop.intake.dataset_fields import state_payload
 from wearscope.closed_loop.intake.prepared import Prepared, known_inertia
 from wearscope.closed_loop.model.delays import find_shift
 from wearscope.closed_loop.model.estimation import Estimate
@@ -111,7 +112,7 @@ def make_corrected_model(
             "torque_noise": estimate_torque_noise(prepared),
             "sample_rate": dataset.fields.sample_rate,
         },
-        "payload": None if payload is None else {"mass": payload.mass, "com": list(payload.com)},
+        "payload": state_payload(payload),
         "home": train[0].signals.q[0].tolist(),
         "lower": lowest.tolist(),
         "upper": np.maximum(highest, lowest + _LEAST_ROOM).tolist(),

@@ -26,11 +26,12 @@ _UPPER, _TOP, _CHANCE = 0.25, 0.1, 0.01
 #: Size at an event's ends [robust standard deviations]; longest event and longest gap within one [s]; share
 #: of a joint's rows beyond which events are structure.
 _END, _LONGEST, _GAP, _MOST = 3.0, 1.5, 0.1, 0.15
-#: The same share where healthy runs define the noise; ratio to the healthy spread from which the runs' own
-#: spread is used.
+#: Where healthy runs define the noise: share of a joint's rows beyond which events are structure; multiple of
+#: the healthy spread beyond which the runs' own spread is used.
 _MOST_OF_SESSION, _WIDER = 0.4, 2.0
-_LOUD = 0.1  # share of a stretch's largest size above which it is loud
-_LASTS = 0.25  # share of its largest torque down to which an event lasts: the filter's ringing is less
+#: A row is loud above this share of its stretch's largest size. An event lasts while its torque is above this
+#: share of its largest torque; the filter's ringing is smaller.
+_LOUD, _LASTS = 0.1, 0.25
 #: Share of a joint's largest speed below which a residual may be the reversal's form; reach of the filters
 #: from there, in periods of the common cut-off.
 _SLOW, _REACH = 0.05, 1.0
@@ -227,7 +228,7 @@ def _stand_out(
 
 
 def _find_step(t: np.ndarray, added: np.ndarray, part: slice) -> float:
-    """Peak-to-peak size of a torque around a stretch after a straight line is taken out: a step there."""
+    """Peak-to-peak size of a torque around a stretch, less a straight line; it is large at a step."""
     near = (t >= t[part.start] - _GAP) & (t <= t[part.stop - 1] + _GAP)
     return float(np.ptp(signal.detrend(added[near])))
 
@@ -287,15 +288,16 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
 
 
 def _is_loud(size: np.ndarray) -> np.ndarray:
+    """Rows (M,) of a stretch that are near its largest size."""
     return size > _LOUD * size.max()
 
 
 def _leave_places(
     runs: Sequence[PreparedRun], sizes: Sequence[np.ndarray], found: Sequence[Sequence[slice]], joint: int
 ) -> list[list[slice]]:
-    """Stretches without those at positions where most passes of the joint have one, as at a damaged tooth.
+    """Stretches, except those at positions where most passes of the joint show one, as at a damaged tooth.
 
-    Those belong to the machine. They need at least `_COMES_BACK` passes with an event.
+    The latter belong to the machine. They need at least `_COMES_BACK` passes with an event.
     """
     positions = [run.signals.q[rows(run.band, len(run.signals.t)), joint] for run in runs]
     inside = [np.zeros(len(run.t), dtype=bool) for run in runs]

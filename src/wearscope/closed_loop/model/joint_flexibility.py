@@ -17,6 +17,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from wearscope.closed_loop.intake.filtering import Band, low_pass
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.model.regression import Regression
+from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
 
 #: Largest (w/w0)^2 at which the motion alone gives a gear's torque: w is the common cut-off, w0 the frequency
@@ -34,19 +35,28 @@ def rigid_link_torque(model: Regression, theta: np.ndarray, signals: Signals) ->
     torque = s.rigid_body.inverse_dynamics(s.q, s.v, s.a)
     if model.inertial:
         torque += s.rigid_body.add_to_links(theta[: 10 * model.prepared.n], s.q, s.v, s.a)
+    return add_terms(
+        torque, model, theta, signals, lambda term: term.effect.spread and not term.is_deflection
+    )
+
+
+def add_terms(
+    torque: np.ndarray,
+    model: Regression,
+    theta: np.ndarray,
+    signals: Signals,
+    chosen: Callable[[ModelTerm], bool],
+) -> np.ndarray:
+    """Add the chosen terms' torque along signals to a torque (N, n), which is changed and returned."""
     for term, span in zip(model.entries, model.spans, strict=True):
-        if term.effect.spread and not term.is_deflection:
+        if chosen(term):
             torque += term.columns(signals) @ theta[span]
     return torque
 
 
 def bending_torque(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:
     """Change (N, n) of the links' torque by the deflection of the gears under `signals.transmitted`."""
-    torque = np.zeros_like(signals.load)
-    for term, span in zip(model.entries, model.spans, strict=True):
-        if term.is_deflection:
-            torque += term.columns(signals) @ theta[span]
-    return torque
+    return add_terms(np.zeros_like(signals.load), model, theta, signals, lambda term: term.is_deflection)
 
 
 def softness(model: Regression, theta: np.ndarray, signals: Signals) -> np.ndarray:

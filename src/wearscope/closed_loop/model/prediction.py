@@ -8,6 +8,7 @@ import pandas as pd
 
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.joint_flexibility import (
+    add_terms,
     estimate_by_instruments,
     find_jump_shares,
     measure_gears,
@@ -71,12 +72,8 @@ def predict_reduced(model: Regression, theta: np.ndarray, run: PreparedRun) -> n
 
 def _record(model: Regression, theta: np.ndarray, signals: Signals, motor: np.ndarray) -> np.ndarray:
     """Torque (N, n) that the sensors record where the motors' torque is `motor`."""
-    torque = motor.copy()
     late = replace(signals, torque=motor, lag=find_lags(model, theta))
-    for term, span in zip(model.entries, model.spans, strict=True):
-        if term.is_measurement_error:
-            torque += term.columns(late) @ theta[span]
-    return torque
+    return add_terms(motor.copy(), model, theta, late, lambda term: term.is_measurement_error)
 
 
 def find_lags(model: Regression, theta: np.ndarray) -> np.ndarray:

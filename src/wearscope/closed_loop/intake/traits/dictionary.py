@@ -90,7 +90,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
         _mount(run.signals.rigid_body, reading) if k in doubted else run.signals.rigid_body
         for k, run in enumerate(rows.prepared.runs)
     ]
-    known, body = _know(moved, bodies), bodies[int(rows.run[0])]
+    known, body = _known_torque(moved, bodies), bodies[int(rows.run[0])]
     links = np.empty((*known.shape, body.n * N_PARAMETERS))
     for one, at in _split(moved, bodies):
         links[at] = one.inertial_regressor(moved.q[at], moved.v[at], moved.a[at])
@@ -99,11 +99,11 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     payload = links[:, :, -N_PARAMETERS:] * scale_payload(body)[0]
     payload = payload * moved.loaded[:, None, None]
     still = replace(moved, v=0.0 * moved.v, a=0.0 * moved.a)
-    weight = _know(still, bodies)
+    weight = _known_torque(still, bodies)
     if reading.without:
         # A controller subtracts the gravity of its own model; that of unknown bodies remains.
         bare = reading.without == "robot"
-        taken = _know(still, [one.with_payload(None) for one in bodies]) if bare else weight
+        taken = _known_torque(still, [one.with_payload(None) for one in bodies]) if bare else weight
         known = known - taken * rows.doubted[:, None]
     soft = _bend(moved, body, motors)
     top, slow = np.abs(moved.v).max(axis=0) + 1e-300, np.abs(moved.v)
@@ -127,7 +127,7 @@ def _mount(body: RigidBody, reading: Reading) -> RigidBody:
     return body if reading.gravity is None else body.with_gravity(reading.gravity)
 
 
-def _know(moved: Rows, bodies: list[RigidBody]) -> np.ndarray:
+def _known_torque(moved: Rows, bodies: list[RigidBody]) -> np.ndarray:
     """Torque (N, n) of the stated bodies, each run with the payload that it declares."""
     known = np.zeros_like(moved.q)
     for body, at in _split(moved, bodies):

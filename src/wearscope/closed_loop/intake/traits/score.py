@@ -203,7 +203,7 @@ class Fit:
         both = [np.column_stack([body, drive[:, first:]]) for first in (0, 1)]
         found = [np.linalg.lstsq(x, y, rcond=None)[0] for x in both]
         left = [float(np.mean((y - x @ one) ** 2)) for x, one in zip(both, found, strict=True)]
-        # Where a drive's inertia and the body move alike, the inertia is all attributed to the body.
+        # Where the columns of the drive's inertia and of the body are alike, the body gets all inertia.
         return float(found[left[1] < left[0] + FORM * float(np.mean(y**2))][0])
 
     def model(self, terms: Iterable[Term]) -> "Model":

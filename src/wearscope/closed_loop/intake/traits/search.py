@@ -14,10 +14,11 @@ from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
 ODDS, REFUSE = float(np.log(100.0)), 10.0
 #: Rows of a first look; numbers of readings that are scored with all rows, and to which traits are added.
 _FEW, _BEAM, _FRONT = 160, 4, 2
-#: Rounds of further traits; unexplained share of a torque's variance that is much, so that a run is doubted.
+#: Rounds of further traits; unexplained share of a torque's variance above which a run is doubted.
 _ROUNDS, MUCH = 2, 0.1
-#: Unexplained share of a torque's variance that is little, the same over what the stated reading leaves;
-#: share from which a torque counts as noise; share of the torques that a reading must explain.
+#: A torque is explained up to the first unexplained share of its variance, or up to the second number times
+#: the share that the stated reading leaves. From the third share on it counts as noise. A reading must
+#: explain the fourth share of the torques.
 LITTLE, _LESS, HOPELESS, _TOLD = 0.05, 0.33, 0.8, 0.75
 #: Readings this many nats behind the likeliest one at a first look are not weighed with all rows.
 _APART = 30.0
