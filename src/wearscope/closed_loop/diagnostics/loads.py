@@ -70,14 +70,14 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
     if share < _MOST or 1.0 - common / whole > 0.5 * share:
         return []
     told = f"{_DIFFERS}: loads by run explain {100 * share:.0f} % of what is left"
-    unit = max(size[0], 1e-300)  # the size is 0 where a single joint moves so that no torque shows its load
+    unit = max(size[0], 1e-300)  # 0 where the joint's motion needs no torque that depends on the load's mass
     mass, error = loads[..., 0].mean(axis=1) / unit, np.ptp(loads[..., 0], axis=1) / unit
     if 2.0 * error.max() < np.ptp(mass):
         heavier = mass > mass.mean()
         added = float(mass[heavier].mean() - mass[~heavier].mean())
         each_way = 1.0 / heavier.sum() + 1.0 / (~heavier).sum()
-        # Runs with one load may differ by more than the halves of each, whose difference is twice the error
-        # of their mean.
+        # The difference of a run's halves is twice the error of their mean. Runs with the same load may still
+        # differ by more than that.
         apart = mass - np.where(heavier, mass[heavier].mean(), mass[~heavier].mean())
         free = max(len(mass) - 2, 1)
         squares = {len(mass): 0.25 * float(np.mean(error**2)), free: float(apart @ apart) / free}

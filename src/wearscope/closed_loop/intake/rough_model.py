@@ -133,8 +133,8 @@ class RestBridge:
     """Replacement of a joint's torque at rest by what the rough model says from its torque in motion.
 
     Static friction may have any value, which no regressor follows, and the common filter would carry it into
-    the motion before and after. The replacement is linear: the measured torque and each regressor pass
-    through the same one, so that rests do not tell two regressors apart that are alike in motion.
+    the motion before and after. The replacement is linear and the same for the measured torque and each
+    regressor, so that two regressors that are alike in motion remain alike.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class RestBridge:
     fit : ndarray (5, N - R)
         Coefficients of the rough model from a torque in motion.
     carried : sparse array (M, R)
-        What the common filter carries from rests into rows in motion.
+        Weights with which the common filter carries samples at rest into rows in motion.
     """
 
     rest: np.ndarray

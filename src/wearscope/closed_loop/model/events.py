@@ -261,8 +261,8 @@ def _find_stretches(run: PreparedRun, size: np.ndarray, joint: int, top: float) 
     """Stretches of rows above `_END` in motion, short gaps bridged, no longer than an event.
 
     A longer stretch may be several events that a filter's ringing joins. It is cut half way between the parts
-    near its largest size, if none of these is longer than an event. The common filter makes the shortest push
-    half a period long, so fewer rows are none.
+    near its largest size, if none of these is longer than an event. A stretch shorter than half a period of
+    the common filter is left out, since the filter makes even the shortest push that long.
     """
     fewest = int(0.5 * run.band.rate / run.band.torque / run.band.stride)
     speed = np.abs(run.signals.v[rows(run.band, len(run.signals.t)), joint])
