@@ -13,7 +13,7 @@ from scipy import stats
 from wearscope import plugins
 from wearscope.detectors.base import Array, Batch, Detector, make_detector
 from wearscope.detectors.questions import Answer, DetectorSpec, ask_detector
-from wearscope.errors import InputError, tell_error
+from wearscope.errors import tell_error
 from wearscope.robots.model import RobotModel
 
 #: Number of wear levels at which the density of the wear is evaluated.
@@ -54,21 +54,12 @@ def find_threshold(y: Array, p_f: float) -> Threshold:
     Parameters
     ----------
     y : ndarray (n,)
-        Finite test quantities of the runs.
+        Finite test quantities of the runs; n is at least `least_runs`.
     p_f : float
-
-    Raises
-    ------
-    InputError
-        Where n is below `least_runs`.
     """
     n = len(y)
     k = int(np.floor((n + 1) * p_f + 1e-9))
-    if k < 1:
-        raise InputError(
-            f"detect: a false-alarm rate of {p_f:g} takes {least_runs(p_f)} runs without wear, but there are "
-            f"{n}; raise detect.runs or detect.p_f."
-        )
+
     low, high = stats.beta.ppf([0.025, 0.975], k, n + 1 - k)
     return Threshold(float(np.sort(y)[n - k]), float(low), float(high))
 
