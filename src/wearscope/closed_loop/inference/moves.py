@@ -16,7 +16,7 @@ from wearscope.closed_loop.inference.extensions import (
 )
 from wearscope.closed_loop.inference.laws import fit_law, is_law, refine_reversals
 from wearscope.closed_loop.inference.reversal import is_wide
-from wearscope.closed_loop.inference.score import Model, Score
+from wearscope.closed_loop.inference.score import SURELY, Model, Score
 from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
@@ -31,8 +31,6 @@ _MOST = 200
 #: Relative change of a reversal's width from which columns are computed again.
 _SETTLED = 0.01
 _NO_DELAY = "no delay: it differs away from reversals or at low frequencies"
-#: Nats by which a name must raise the score: odds of three to one on top of its prior's.
-SURELY = 1.0
 
 
 @dataclass

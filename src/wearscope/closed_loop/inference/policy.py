@@ -20,8 +20,8 @@ class Policy(BaseModel):
     would be told from each other one (a coarsened likelihood; Miller and Dunson 2019, JASA 114)."""
 
     name_odds: float = Field(3.0, ge=0)
-    """Prior odds for what every drive has, and against one more name or an offset, in nats: 20 to 1. Names
-    whose odds are within it of the best one's are equivalent."""
+    """Prior odds against one more name, or an offset, in nats: 20 to 1. Names whose odds are within it of the
+    best one's are equivalent."""
 
     unknown_odds: float = Field(4.0, ge=0)
     """Further odds against structure without a name, in nats: 55 to 1. Twice these over the number of

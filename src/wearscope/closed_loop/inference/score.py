@@ -23,6 +23,8 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.term import Term
 
+#: Nats by which a name must raise the score, on top of its prior odds; prior odds for what every drive has.
+SURELY = 1.0
 #: A model this many nats behind is improbable enough to end the comparison early.
 _HOPELESS = -8.0
 #: Fewest summed blocks from which the residual's autocorrelation is estimated.
@@ -186,7 +188,7 @@ class Score:
         """Prior odds against a term whatever its torque, in nats; negative for what every drive has."""
         effect, policy = term.effect, self.policy
         if effect.is_in_every_drive:
-            return -policy.name_odds
+            return -SURELY
         odds = policy.name_odds
         if effect.standard:
             return odds
