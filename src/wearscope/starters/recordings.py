@@ -193,7 +193,7 @@ def _number_columns(arrays: Mapping[str, np.ndarray]) -> pd.DataFrame:
     """Return a table of arrays (N,) and (N, n); the columns of the latter are numbered from 1."""
     columns: dict[str, np.ndarray] = {}
     for name, x in arrays.items():
-        many = {1: [x], 2: [*x.T]}.get(x.ndim, [])
+        many = list(np.atleast_2d(x.T)) if x.ndim in (1, 2) else []
         columns |= {f"{name}_{k + 1}" if x.ndim == 2 else name: one for k, one in enumerate(many)}
     return pd.DataFrame(columns)
 
