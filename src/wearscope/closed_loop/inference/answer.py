@@ -237,8 +237,10 @@ def _judge(moves: Moves, model: Model, term: Term) -> Found:
         complexity = term.effect.complexity(term.subset)
         for gain, other, made in list_alternatives(moves, model, term):
             against.append(gain)
-            near = gain > -moves.score.policy.name_odds or not _is_told_apart(model, made, other)
-            if near and other.effect.complexity(other.subset) <= complexity:
+            simpler = other.effect.complexity(other.subset) <= complexity
+            # A richer effect often fits as well as the one that it contains.
+            alike = simpler and not _is_told_apart(model, made, other)
+            if gain > -moves.score.policy.name_odds or alike:
                 equivalent.append(other.effect.name)
     odds = float(np.sum(np.exp(np.clip(against, -700.0, 700.0))))
     return Found(term, share, 1.0 / (1.0 + odds), list(dict.fromkeys(equivalent)))
