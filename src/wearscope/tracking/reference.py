@@ -26,7 +26,7 @@ from wearscope.tracking.evidence import (
     measure_scatter,
     prior_scatter,
 )
-from wearscope.tracking.rows import RunRows, make_rows, scatter_columns
+from wearscope.tracking.rows import RunRows, make_rows
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import Frame, read_reference
 from wearscope.tracking.structure import Belief, Scales, Structure
@@ -310,18 +310,17 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
     """Sizes of the torques and of the noise along the training runs.
 
     Autocorrelation makes sums of the noise over blocks larger. The noise is increased accordingly, by the
-    largest factor of the sums for an offset, Coulomb and viscous friction. Differences between healthy
-    sessions are no noise: they have random effects of their own.
+    largest factor of the sums for an offset, Coulomb and viscous friction.
     """
     train = [make_rows(structure, run) for run in diagnosis.prepared.runs_for("train")]
     keep = np.concatenate([r.weights > 0 for r in train])
-    left = np.concatenate(leave_scatter(structure, train))
     columns = np.concatenate([r.columns[..., : structure.count] for r in train])
     known = np.concatenate([r.run.measured - r.target for r in train])
     rubbing = np.zeros_like(structure.theta)
     for entry, span in zip(structure.entries, structure.spans, strict=True):
         rubbing[span] = structure.theta[span] * entry.effect.is_friction
     friction, torque = columns @ rubbing, known + columns @ structure.theta
+    left = (np.concatenate([r.run.measured for r in train]) - torque) * keep
     speed = np.concatenate([r.run.reduce(r.signals.v) for r in train])
     sign = np.concatenate([r.run.reduce(r.signals.sign) for r in train])
     firsts = np.cumsum([0, *(len(r.target) for r in train[:-1])])
@@ -335,20 +334,6 @@ def measure_scales(structure: Structure, diagnosis: Diagnosis) -> Scales:
     white = np.maximum(sizes[3], 1e-9)
     usual = np.maximum.reduce([sizes[0], _LEAST_FRICTION * sizes[1], _LEAST_OF_NOISE * white])
     return Scales(usual, np.maximum(sizes[1], usual), np.maximum(sizes[2], 1e-9), white * np.sqrt(memory))
-
-
-def leave_scatter(structure: Structure, made: Sequence[RunRows]) -> list[np.ndarray]:
-    """Residual (M, n) of each run on the rows that count, less how its session differs from the others."""
-    left = [(r.target - r.columns[..., : structure.count] @ structure.theta) * (r.weights > 0) for r in made]
-    columns = [scatter_columns(structure, r) * (r.weights > 0)[:, :, None] for r in made]
-    for session in dict.fromkeys(r.run.session for r in made):
-        own = [k for k, r in enumerate(made) if r.run.session == session]
-        for j in structure.moving:
-            x = np.concatenate([columns[k][:, j] for k in own])
-            theta = np.linalg.lstsq(x, np.concatenate([left[k][:, j] for k in own]), rcond=1e-8)[0]
-            for k in own:
-                left[k][:, j] -= columns[k][:, j] @ theta
-    return left
 
 
 def fit_belief(structure: Structure, rows: Sequence[RunRows], prior: np.ndarray) -> Belief:
