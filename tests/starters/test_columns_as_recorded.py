@@ -133,6 +133,6 @@ def test_a_recording_that_is_too_short_says_how_long_it_must_be(tmp_path):
     ],
 )
 def test_a_joint_s_name_does_not_say_that_a_torque_was_commanded(joints, columns, commanded):
-    """As d, which stands for desired elsewhere."""
+    """A word "d" means desired torques, and may also be a joint's name."""
     (group,) = find_groups(columns, joints, "torque")
     assert list(group.columns) == columns and group.is_commanded == commanded

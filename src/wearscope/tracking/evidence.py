@@ -22,7 +22,7 @@ from scipy import stats
 
 from wearscope.closed_loop.model.events import FITS
 from wearscope.tracking.changes import BODY, Change
-from wearscope.tracking.rows import RunRows, reduce_columns, scatter_columns
+from wearscope.tracking.rows import RunRows, scatter_columns
 from wearscope.tracking.structure import Belief, Structure
 
 #: Prior scatter of healthy sessions, as a share of the joint's friction and of its whole torque; number of
@@ -154,7 +154,7 @@ class Evidence:
         """Regressors (M, n, K) of all changes along a run, after the common filter."""
         s, parts = rows.signals, [np.zeros((*rows.target.shape, 0))]
         bodies = s.rigid_body.inertial_regressor(s.q, s.v, s.a)
-        parts += [reduce_columns(rows.run, change.columns(s, bodies)) for change in self.changes]
+        parts += [rows.run.reduce_columns(change.columns(s, bodies)) for change in self.changes]
         return np.concatenate(parts, axis=2)
 
     def _usual(self, change: Change, payload_prior: np.ndarray) -> np.ndarray:

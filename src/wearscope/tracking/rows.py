@@ -57,8 +57,8 @@ def make_rows(structure: Structure, run: PreparedRun) -> RunRows:
         signals,
         run.measured - run.reduce(run.known),
         run.keep / structure.scales.noise,
-        reduce_columns(run, structure.columns(signals)),
-        reduce_columns(run, structure.unrecorded_columns(signals)),
+        run.reduce_columns(structure.columns(signals)),
+        run.reduce_columns(structure.unrecorded_columns(signals)),
         starts,
     )
 
@@ -71,11 +71,6 @@ def hold_temperatures(structure: Structure, run: PreparedRun) -> PreparedRun:
     warmth = run.signals.temperature
     mean = warmth.mean(axis=0)
     return replace(run, signals=replace(run.signals, temperature=warmth + np.clip(mean, low, high) - mean))
-
-
-def reduce_columns(run: PreparedRun, x: np.ndarray) -> np.ndarray:
-    """Regressors (N, n, p) after the common filter, (M, n, p); there may be none."""
-    return run.reduce_columns(x) if x.size else np.zeros((len(run.t), *x.shape[1:]))
 
 
 def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
@@ -92,4 +87,4 @@ def scatter_columns(structure: Structure, rows: RunRows) -> np.ndarray:
         level = np.full(len(s.t), structure.scales.torque[j])
         own = np.column_stack([coulomb, viscous, slow, np.asarray(s.torque)[:, j], level])
         parts.append(structure.place(j, own))
-    return reduce_columns(rows.run, np.concatenate(parts, axis=2))
+    return rows.run.reduce_columns(np.concatenate(parts, axis=2))

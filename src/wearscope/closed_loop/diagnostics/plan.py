@@ -179,5 +179,4 @@ def make_planned_run(
     )
     at = rows(band, len(reference.t))
     keep = ~(slow | spread_out(rest, width))[at]
-    empty = np.zeros((len(range(len(reference.t))[at]), prepared.n))
-    return PreparedRun(PLANNED, "train", signals, known.copy(), known, band, keep, empty, reference.t[at])
+    return PreparedRun(PLANNED, "train", signals, known.copy(), known, band, keep, reference.t[at])

@@ -80,7 +80,7 @@ def judge_joints(
     runs = {use: prepared.runs_for(use) for use in ("train", "test")}
     full = {use: [run.tau - predict_full(after, theta, run) for run in some] for use, some in runs.items()}
     filtered = {
-        use: [run.measured - run.reduce_torque(run.tau - x) for run, x in zip(some, full[use], strict=True)]
+        use: [run.reduce_columns(x) for run, x in zip(some, full[use], strict=True)]
         for use, some in runs.items()
     }
     repeats = list_train_repeats(prepared)

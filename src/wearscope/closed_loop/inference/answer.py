@@ -11,9 +11,9 @@ from wearscope.closed_loop.inference.detection_limits import find_limits
 from wearscope.closed_loop.inference.extensions import (
     UNBELIEVABLE,
     Extension,
-    extend,
     list_candidates,
     list_extensions,
+    make_extension,
 )
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives, tell_odds
@@ -372,4 +372,4 @@ def _tabulate(moves: Moves, model: Model, step: int) -> pd.DataFrame:
 def _list_taken(model: Model) -> list[tuple[Model, Extension]]:
     """Each of a model's terms as an extension to the model without it."""
     apart = [(model.without(t), t) for t in model.terms]
-    return [(rest, extend(rest, t.candidate, t.subset, t.alternatives, t.shape)) for rest, t in apart]
+    return [(rest, make_extension(rest, t.candidate, t.subset, t.alternatives, t.shape)) for rest, t in apart]

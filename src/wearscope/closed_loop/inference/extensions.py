@@ -126,10 +126,14 @@ def _list_at(model: Model, joint: int, wanted: Callable[[Effect, int], bool] | N
         1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
         for c in candidates
     )
-    return [extend(model, c, subset, tried) for c in candidates for subset in list_subsets(c.effect, by_run)]
+    return [
+        make_extension(model, c, subset, tried)
+        for c in candidates
+        for subset in list_subsets(c.effect, by_run)
+    ]
 
 
-def extend(
+def make_extension(
     model: Model, candidate: Candidate, subset: tuple[int, ...], tried: float, shape: int | None = None
 ) -> Extension:
     """A candidate with some coefficients conditional on a model, at its best shape or at a given one."""

@@ -142,7 +142,7 @@ class Score:
             # An error of the recording may follow any torque.
             if t.is_exact or not (record or t.list_signals(joints) & signals)
         ]
-        key = frozenset((t.key, id(t.candidate)) for t in apart)
+        key = frozenset((t.key, t.candidate) for t in apart)
         if key not in self._forms:
             share, left = self.policy.form_error, self._leave(apart)
             exact = self._leave([t for t in apart if t.is_exact])

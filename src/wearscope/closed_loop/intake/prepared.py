@@ -35,9 +35,6 @@ class PreparedRun:
     band : Band
     keep : ndarray (M, n) of bool
         Rows that count for each joint: the joint moves and the torque is not saturated.
-    measured : ndarray (M, n)
-        Torque after the common filter. Before it, the static friction of rests is taken out for rows in
-        motion, since the filter would carry it into them.
     t : ndarray (M,)
         Time of the rows since the recording's first row [s].
     start : float
@@ -60,7 +57,6 @@ class PreparedRun:
     known: np.ndarray
     band: Band
     keep: np.ndarray
-    measured: np.ndarray
     t: np.ndarray
     start: float = 0.0
     piece: int = 0
@@ -76,10 +72,11 @@ class PreparedRun:
 
     def reduce(self, x: np.ndarray) -> np.ndarray:
         """Common filter, then one row in `Band.stride`, edges cut: (N, ...) to (M, ...)."""
-        return thin(x.reshape(len(x), -1), self.band).reshape(-1, *x.shape[1:])
+        reduced = thin(x.reshape(len(x), -1), self.band)
+        return reduced.reshape(len(reduced), *x.shape[1:])
 
     def reduce_columns(self, x: np.ndarray, joint: int | None = None) -> np.ndarray:
-        """Regressors of torques after the common filter, rests bridged as in `measured`.
+        """Regressors of torques after the common filter, rests bridged for rows in motion.
 
         Parameters
         ----------
@@ -98,6 +95,11 @@ class PreparedRun:
     def reduce_torque(self, x: np.ndarray) -> np.ndarray:
         """Torques (N, n) of a machine along the motion after the common filter, rests bridged: (M, n)."""
         return self.reduce(self.known) + self.reduce_columns(x - self.known)
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """Measured torque (M, n) after the common filter, rests bridged."""
+        return self.reduce_torque(self.tau)
 
     @cached_property
     def bodies(self) -> np.ndarray:

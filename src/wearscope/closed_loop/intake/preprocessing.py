@@ -244,7 +244,7 @@ def finish_run(
     tau = decimate(run.tau, factor)
     bad = _mark_uncounted(np.abs(signals.v) < made.rest_speed, source, factor, band)
     at = rows(band, len(bad))
-    prepared = PreparedRun(
+    return PreparedRun(
         run.file,
         run.use,
         signals,
@@ -252,7 +252,6 @@ def finish_run(
         known,
         band,
         keep=~bad[at],
-        measured=tau,
         t=signals.t[at],
         start=run.start,
         piece=run.piece,
@@ -261,7 +260,6 @@ def finish_run(
         factor=factor,
         bridges=bridge_rest(tau - known, known, signals.a, signals.v, _thin_marks(rest, factor), band),
     )
-    return replace(prepared, measured=prepared.reduce_torque(tau))
 
 
 def cut_ends(source: Source, made: Motion, count: int) -> tuple[Source, Motion]:
