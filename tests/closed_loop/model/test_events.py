@@ -15,6 +15,7 @@ from wearscope.closed_loop.model.blocks import Block
 from wearscope.closed_loop.model.events import (
     _describe,
     _find_stretches,
+    _may_be_form,
     find_events,
     leave_out,
     suggest_thresholds,
@@ -115,6 +116,26 @@ def test_a_step_of_a_named_effect_at_another_moment_is_no_event(look, step, hidd
 def test_what_is_small_against_the_joint_s_torque_is_no_event(look):
     events, _ = look(extra_torque=push(3.0, 0.5, 0.15), seed=21, noise=0.01)
     assert events == []
+
+
+@pytest.mark.parametrize(
+    ("at", "torque", "size", "may_be"),
+    [
+        (4.0, 10.0, 0.2, True),
+        (4.0, 10.0, 0.5, False),
+        (4.0, 1.0, 0.2, False),
+        (0.0, 1.0, 9.0, True),
+        (8.0, 1.0, 9.0, True),
+    ],
+)
+def test_what_a_model_may_miss_in_a_fast_move_or_at_an_end_is_no_event(at, torque, size, may_be):
+    """A move of a quarter of a second has large torques, of which a small share stands out of all noise."""
+    t = np.arange(8.0, step=0.05)
+    left = size * np.exp(-(((t - at) / 0.1) ** 2))
+    given = torque * np.exp(-(((t - at - 0.2) / 0.1) ** 2))
+    run = SimpleNamespace(t=t, measured=(given + left)[:, None], band=SimpleNamespace(torque=5.0))
+    part = np.flatnonzero(left > 0.3 * size)
+    assert _may_be_form(run, left, slice(part[0], part[-1] + 1), 0) is may_be
 
 
 @pytest.mark.parametrize(("grown", "better"), [(0.9, True), (1.0, True), (1.1, False)])

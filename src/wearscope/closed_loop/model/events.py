@@ -40,8 +40,8 @@ _WIDTHS = (2, 4)
 #: An event belongs to the machine where it occurs in more than half of the passes of a place, and in at least
 #: this many.
 _COMES_BACK = 3
-#: Smallest event as a share of the joint's torque (RMS).
-_SMALL = 0.01
+#: Smallest event as a share of the largest torque that the model gives within the filters' reach.
+_SMALL = 0.03
 #: Fewest runs of the same motion whose median a push in a single run does not change.
 _ALIKE = 3
 #: Iterations of a robust fit.
@@ -97,22 +97,34 @@ def find_events(
         usual = None if healthy is None else healthy[j]
         sizes = _measure_sizes(own, kept, classes, usual)[0]
         parts = [_find_stretches(run, size, j, top_speed[j]) for run, size in zip(runs, sizes, strict=True)]
-        torque = np.concatenate([run.measured[k, j] for run, k in zip(runs, kept, strict=True)])
-        least = _SMALL * float(np.sqrt(np.mean(torque**2))) if len(torque) else 0.0
         if change is not None:
             parts = [
                 [p for p in some if np.abs(x[p]).max() > _find_step(run.t, added[:, j], p)]
                 for run, x, added, some in zip(runs, own, change, parts, strict=True)
             ]
-        parts = [[p for p in some if np.abs(x[p]).max() > least] for x, some in zip(own, parts, strict=True)]
+        parts = [
+            [p for p in some if not _may_be_form(run, x, p, j)]
+            for run, x, some in zip(runs, own, parts, strict=True)
+        ]
         found, outside = _stand_out(sizes, parts, classes, np.full(2, np.inf) if usual is None else usual[:2])
-        if outside < (1.0 - (_MOST if usual is None else _MOST_OF_SESSION)) * len(torque):
+        rows_in_all = sum(int(k.sum()) for k in kept)
+        if outside < (1.0 - (_MOST if usual is None else _MOST_OF_SESSION)) * rows_in_all:
             continue
         for run, x, some in zip(runs, own, _leave_places(runs, sizes, found, j), strict=True):
             for p in some:
                 where = {"run": run.file, "joint": joints[j]}
                 events.append(where | _describe(run.start + run.t[p], x[p] * run.keep[p, j]))
     return events
+
+
+def _may_be_form(run: PreparedRun, left: np.ndarray, part: slice, joint: int) -> bool:
+    """Whether a stretch of a residual (M,) may be the model's form, or the filters' at an end of the run."""
+    reach, first, last = _REACH / run.band.torque, run.t[part.start], run.t[part.stop - 1]
+    near = (run.t >= first - reach) & (run.t <= last + reach)
+    largest = float(np.abs(run.measured[near, joint] - left[near]).max())
+    peak = run.t[part][np.argmax(np.abs(left[part]))]
+    at_end = min(peak - run.t[0], run.t[-1] - peak) < reach
+    return bool(at_end or np.abs(left[part]).max() < _SMALL * largest)
 
 
 def _describe(t: np.ndarray, missed: np.ndarray) -> Event:
