@@ -140,11 +140,13 @@ def test_a_detection_has_its_verdicts_and_an_evaluation_its_errors():
     with pytest.raises(InputError, match="no detector 'Z'; there are C"):
         found.plot("Z")
     # A run that was not judged counts for neither the torque nor the error.
-    torque = {"joint": ["j1", "j1", "j1", "j2"], "unit": "N m", "torque_rms": [10.0, 10.0, 100.0, 5.0],
-              "error_rms": [1.0, 3.0, np.nan, np.nan]}  # fmt: skip
+    # Others count by their length.
+    torque = {"joint": ["j1", "j1", "j1", "j2"], "unit": "N m", "seconds": [30.0, 10.0, 9.0, 9.0],
+              "torque_rms": [10.0, 10.0, 100.0, 5.0], "error_rms": [1.0, 3.0, np.nan, np.nan]}  # fmt: skip
     judged = {"joints": 1, "of": 2, "seconds": 8.0, "refused": ["runs/b.csv: no torque"]}
     errors = EvaluationResult(ModelErrors(pd.DataFrame(torque), pd.DataFrame(), judged))
-    assert errors.summary()["error_percent"].iloc[0] == pytest.approx(100 * np.sqrt(5) / 10)
+    assert errors.summary()["error_percent"].iloc[0] == pytest.approx(100 * np.sqrt(3) / 10)
+    assert errors.summary()["error_percent"].isna().tolist() == [False, True]
     assert "most at j1; judged at 1 of 2 joints over 8 s" in repr(errors) and errors.plot().patches
 
 

@@ -311,11 +311,12 @@ class EvaluationResult(Shown):
         return f"up to {size} of the torque is not predicted, most at {worst['joint']}{where}"
 
     def summary(self) -> pd.DataFrame:
-        """Return a row for each joint: torque and error (RMS over the judged runs), and their ratio."""
-        table = self.outcome.torque
-        judged = table["error_rms"].notna()
-        squares = table.assign(**{x: (table[x] ** 2).where(judged) for x in ("torque_rms", "error_rms")})
-        means = squares.groupby(["joint", "unit"], sort=False)[["torque_rms", "error_rms"]].mean() ** 0.5
+        """Return a row for each joint: torque and error (RMS over the judged time), and their ratio."""
+        table, names = self.outcome.torque, ["torque_rms", "error_rms"]
+        seconds = table["seconds"].where(table["error_rms"].notna())
+        sums = table[names].pow(2).mul(seconds, axis=0).assign(seconds=seconds)
+        sums = sums.groupby([table["joint"], table["unit"]], sort=False).sum()
+        means = sums[names].div(sums["seconds"], axis=0) ** 0.5
         means["error_percent"] = 100.0 * means["error_rms"] / means["torque_rms"]
         return with_units(means.reset_index(), {"error_percent": "%"})
 

@@ -42,9 +42,9 @@ class ModelErrors:
     Attributes
     ----------
     torque : DataFrame
-        One row for each run and joint: `run`, `use`, `joint`, `unit`, `torque_rms` (measured) and `error_rms`
-        over the samples in motion, `error_percent` (100 |e| / |tau|), `outcome` (``ok``, or why the
-        simulation failed; errors are NaN then).
+        One row for each run and joint: `run`, `use`, `joint`, `unit`, `seconds` (time in motion),
+        `torque_rms` (measured) and `error_rms` over this time, `error_percent` (100 |e| / |tau|),
+        `outcome` (``ok``, or why the simulation failed; errors are NaN then).
     rollouts : DataFrame
         One row for each run, joint and horizon: `run`, `use`, `joint`, `unit`, `seconds`, `count` (rollouts
         in which the joint moves), `failed` (rollouts that could not be simulated), `moved_median` (measured
@@ -63,7 +63,8 @@ class ModelErrors:
         """Write ``evaluation.json``, ``torque_errors.parquet`` and ``rollout_errors.parquet``."""
         out = Path(folder)
         tables.write_json(out / "evaluation.json", {"judged": self.judged})
-        tables.write_table(out / "torque_errors.parquet", self.torque, {"error_percent": "%"})
+        units = {"seconds": "s", "error_percent": "%"}
+        tables.write_table(out / "torque_errors.parquet", self.torque, units)
         tables.write_table(out / "rollout_errors.parquet", self.rollouts, {"seconds": "s"})
 
 
@@ -165,9 +166,16 @@ def _list_torque_errors(prepared: Prepared, model: RobotModel, run: PreparedRun)
     except (SimulationError, InputError) as error:
         residual, outcome = np.full_like(measured, np.nan), f"failed: {error}"
     size, left, share = rms(measured, keep), rms(residual, keep), relative_error(residual, measured, keep)
+    seconds = keep.sum(axis=0) * run.band.stride / run.band.rate
     return [
         _describe(prepared, run, j, prepared.dataset.torque_unit)
-        | {"torque_rms": size[j], "error_rms": left[j], "error_percent": share[j], "outcome": outcome}
+        | {
+            "seconds": seconds[j],
+            "torque_rms": size[j],
+            "error_rms": left[j],
+            "error_percent": share[j],
+            "outcome": outcome,
+        }
         for j in range(prepared.n)
     ]
 

@@ -1,6 +1,7 @@
 """What a further run would tell: against brute force, and followed on a machine with a planted effect."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,7 +17,7 @@ from wearscope.closed_loop.diagnostics.next_measurement import (
     planning_model,
     write_measurements,
 )
-from wearscope.closed_loop.diagnostics.plan import make_planned_run
+from wearscope.closed_loop.diagnostics.plan import COLD, list_temperatures, make_planned_run
 from wearscope.closed_loop.diagnostics.rivalry import Rivalry, list_names, look_along
 from wearscope.cycles.base import Reference
 from wearscope.reporting.loop_words import tell_measurement
@@ -119,3 +120,15 @@ def test_following_the_advice_names_the_planted_effect(case, tmp_path):
     summary = summarise_advice([row, row | {"outcome": "still open"}, {"outcome": "one name"}])
     assert summary["cases"] == 3 and summary["followed"]["right"]["hits"] == 1
     assert summary["followed"]["still open"] == 1
+
+
+@pytest.mark.parametrize(
+    ("wrist", "found"),
+    [((32.0, 40.0), [34.0, 30.0, 38.0, COLD]), ((np.nan, np.nan), [32.0, 28.0, 36.0, COLD])],
+)
+def test_a_joint_without_temperatures_leaves_those_of_the_others(wrist, found):
+    """A recording counts by the mean of what it records; one without any says nothing."""
+    warmth = [[28.0, wrist[0]], [36.0, wrist[1]], [np.nan, np.nan]]
+    runs = [SimpleNamespace(signals=SimpleNamespace(temperature=np.tile(w, (5, 1)))) for w in warmth]
+    assert list_temperatures(SimpleNamespace(runs_for=lambda use: runs)) == found
+    assert np.isnan(list_temperatures(SimpleNamespace(runs_for=lambda use: runs[2:]))).all()

@@ -123,12 +123,15 @@ def _alike(a: PayloadFields | None, b: PayloadFields | None) -> bool:
 
 
 def list_temperatures(prepared: Prepared) -> list[float]:
-    """Start temperatures [deg C]: the recordings' mean, coldest and warmest, then cold; NaN without any."""
-    means = np.array([float(np.mean(run.signals.temperature)) for run in prepared.runs_for("train")])
-    means = means[np.isfinite(means)]
-    if not len(means):
+    """Start temperatures [deg C]: the recordings' mean, coldest and warmest, then cold; NaN without any.
+
+    Each recording counts by the mean of the joints that record one.
+    """
+    warmth = [run.signals.temperature for run in prepared.runs_for("train")]
+    means = [float(np.nanmean(own)) for own in warmth if np.isfinite(own).any()]
+    if not means:
         return [float("nan")]
-    values = [float(means.mean()), float(means.min()), float(means.max()), COLD]
+    values = [float(np.mean(means)), min(means), max(means), COLD]
     return list(dict.fromkeys(round(value, 1) for value in values))
 
 
