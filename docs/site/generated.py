@@ -23,7 +23,10 @@ REFERENCE = {
     ],
     "Designs": ["wearscope.designs.factors", "wearscope.designs.kinds", "wearscope.designs.bases"],
     "Robots": ["wearscope.robots.model", "wearscope.robots.dynamics", "wearscope.robots.friction"],
-    "Effects": ["wearscope.effects.base", "wearscope.effects.effect", "wearscope.effects.parameter"],
+    "Effects": [
+        "wearscope.effects.base", "wearscope.effects.effect", "wearscope.effects.kinds",
+        "wearscope.effects.parameter",
+    ],
     "Test-cycles": ["wearscope.cycles.base"],
     "Simulation": ["wearscope.simulation.study", "wearscope.simulation.recording"],
     "Detectors": ["wearscope.detectors.base"],

@@ -16,6 +16,7 @@ from wearscope.robots.model import load_model, save_model
 from wearscope.simulation.plant import build_plant
 from wearscope.simulation.study import trace_forward
 
+BODY = "from wearscope.effects.base import BodyEffect\n"
 LOAD = (
     "from wearscope.effects.base import load_effect\n"
     "import numpy as np\n"
@@ -68,6 +69,13 @@ def test_the_same_path_gives_the_same_object_until_the_file_changes(write, tmp_p
 def test_files_of_one_name_in_two_folders_are_two_effects(write):
     one, two = write(name="x/own.py"), write(HOSE.replace("hose_drag", "cable_drag"), "y/own.py")
     assert [load_effect(str(path)).name for path in (one, two)] == ["hose_drag", "cable_drag"]
+
+
+def test_a_class_of_its_own_gives_a_rule_anew(write):
+    own = "class Bump(Effect):\n    repeatable = True\n\n\nEFFECT = Bump("
+    effect = load_effect(str(write(HOSE.replace("EFFECT = Effect(", own))))
+    assert effect.repeatable and not load_effect("stribeck").repeatable
+    assert effect.complexity([0]) == 1 and effect.label == str(effect.reference)
 
 
 def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(write, tmp_path):
@@ -155,7 +163,7 @@ def test_regressors_of_a_wrong_shape_are_refused(write, signals):
         ("out[0] = np", "out[1] = out[0] = np", r"writes beyond the 1 values of 'out'"),
         ("out[0] = np", "next_state[0] = out[0] = np", r"writes beyond .* the 0 of 'next_state'"),
         ("row=_row,", "row=_row, n_states=1,", r"leaves a regressor or a state unwritten"),
-        ("row=_row,", "row=_row, per_robot=True,", r"per_robot needs 'spread'"),
+        ("EFFECT = Effect(", f"{BODY}EFFECT = BodyEffect(spread=False, ", r"per_robot needs 'spread'"),
     ],
 )
 def test_what_breaks_a_rule_is_told_in_one_sentence(write, old, new, said):

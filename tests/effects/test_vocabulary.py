@@ -7,7 +7,9 @@ import pytest
 
 from wearscope.effects import effect as motions
 from wearscope.effects.base import Effect, Parameter, Signals, load_effect
+from wearscope.effects.effect import USUAL
 from wearscope.effects.vocabulary import (
+    TITLES,
     candidate_effects,
     empirical_effect,
     given_effects,
@@ -18,6 +20,7 @@ from wearscope.effects.vocabulary import (
     worn_effect,
 )
 from wearscope.errors import InputError
+from wearscope.robots.fields import Drive
 from wearscope.simulation.plant import STATED_BY_DRIVE
 
 EFFECTS = {effect.name: effect for effect in list_effects()}
@@ -156,7 +159,7 @@ def test_errors_of_given_values_are_candidates_where_they_are_given():
 
 
 def test_effects_that_a_drive_states_are_installed_from_it():
-    assert {effect.name for effect in EFFECTS.values() if effect.given_by} == names_of(STATED_BY_DRIVE)
+    assert EFFECTS.keys() & Drive.model_fields.keys() == names_of(STATED_BY_DRIVE)
 
 
 def test_a_declared_law_leaves_nothing_of_what_it_contains():
@@ -259,11 +262,11 @@ def test_own_effects_of_one_name_are_refused():
         candidate_effects([], own, (), 2)
 
 
-def test_what_sessions_are_asked_for_has_a_place_of_its_own():
-    places = [effect.changes for effect in list_effects() if effect.changes is not None]
-    assert sorted(places) == list(range(len(places)))
-    assert [effect.changes for effect in session_effects()] == sorted(places)
-    assert worn_effect().needs_wear and thermal_friction().is_thermal
+def test_selections_name_effects_of_the_vocabulary():
+    assert len(session_effects()) == len({effect.name for effect in session_effects()}) > 0
+    assert EFFECTS.keys() >= TITLES.keys() | USUAL
+    assert worn_effect().needs_wear and worn_effect() in session_effects()
+    assert thermal_friction().is_thermal and thermal_friction().candidate
     assert {effect.name for effect in plain_friction()} == {"coulomb", "viscous"}
 
 

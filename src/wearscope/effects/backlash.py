@@ -30,7 +30,6 @@ EFFECT = TransmissionEffect(
     source="Nordin and Gutman 2002, Automatica 38(10)",
     depends_on=("load_{joint}", "reversal_load_{joint}"),
     shape=(Parameter("mesh_torque", "{torque}", lower=1e-9, default=1.0),),
-    spread=True,
     bend=lambda torque, shape: 0.5 * np.tanh(torque / shape[0]),
     abrupt=True,
     installs=("lost_motion", "mesh_torque"),

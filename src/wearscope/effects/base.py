@@ -22,11 +22,14 @@ from wearscope.effects.effect import (
 )
 from wearscope.effects.kinds import (
     ArmatureEffect,
+    BodyEffect,
+    FrictionLaw,
     InertialEffect,
     MeasurementEffect,
     PayloadEffect,
     RigidBodyEffect,
     TransmissionEffect,
+    WaveEffect,
 )
 from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
@@ -51,7 +54,9 @@ __all__ = [
     "TIME",
     "WEAR",
     "ArmatureEffect",
+    "BodyEffect",
     "Effect",
+    "FrictionLaw",
     "InertialEffect",
     "MeasurementEffect",
     "Parameter",
@@ -61,6 +66,7 @@ __all__ = [
     "Signals",
     "Term",
     "TransmissionEffect",
+    "WaveEffect",
     "compile_row",
     "decay",
     "load_effect",

@@ -1,5 +1,7 @@
 """Viscous friction that levels off at high speed."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from wearscope.effects.base import SLOW_MOTION, Effect, Parameter, Signals, compile_row
@@ -23,9 +25,16 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     )
 
 
-EFFECT = Effect(
+class _ConcaveViscous(Effect):
+    """A law of which the search fits one shape more than the estimation does."""
+
+    def complexity(self, subset: Iterable[int]) -> int:
+        """Return the number of fitted values: the coefficients of a subset, and one of the shapes."""
+        return super().complexity(subset) + 1
+
+
+EFFECT = _ConcaveViscous(
     name="concave_viscous",
-    title="concave viscous friction",
     form="level abs(v) (v^2 + speed^2)^((exponent - 1)/2) sign(v)",
     coefficients=(Parameter("level", "{torque} s^b/{position}^b", lower=0.0),),
     source="Carreau 1972, Trans. Soc. Rheol. 16(1); Grotjahn and Heimann 2001: power law, with speed 0",
@@ -36,7 +45,6 @@ EFFECT = Effect(
         Parameter("speed", "{position}/s", lower=0.0, default=0.0, estimated=False),
     ),
     search=_search,
-    searched=1,
     parents=("viscous", "coulomb"),
     excitation=SLOW_MOTION,
 )

@@ -10,14 +10,11 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="coulomb",
-    title="Coulomb friction",
     form="level sign(v)",
     coefficients=(Parameter("level", "{torque}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
     depends_on=("sign_qd_{joint}",),
     row=_row,
-    standard=True,
     passive=lambda values, temperature: {"friction": values["level"]},
     excitation=SPEEDS,
-    changes=0,
 )

@@ -10,7 +10,6 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="coulomb_asymmetry",
-    title="Coulomb asymmetry",
     form="half_difference abs(sign(v))",
     coefficients=(Parameter("half_difference", "{torque}"),),
     source="Swevers et al. 1997, IEEE T. Robotics and Automation 13(5)",

@@ -4,9 +4,6 @@ import numpy as np
 
 from wearscope.effects.base import ALONE, Effect, Parameter, Signals, compile_row
 
-#: Signals of the driving joint.
-DRIVEN_BY = ("qd_{other}", "sign_qd_{other}", "qdd_{other}")
-
 
 @compile_row
 def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_state, out):
@@ -30,14 +27,10 @@ EFFECT = Effect(
         Parameter("inertia", "{torque} s^2/rad"),
     ),
     source="Staubli TX family wrist coupling: Gautier et al. 2013, IEEE ICRA",
-    depends_on=DRIVEN_BY,
+    depends_on=("qd_{other}", "sign_qd_{other}", "qdd_{other}"),
     row=_row,
     shape=(Parameter("other", "index of the driving joint", lower=0.0, estimated=False),),
     variants=(("viscous",), ("coulomb",), ("inertia",), ("viscous", "coulomb")),
     search=_search,
-    repeatable=True,
-    applies=lambda signals, joint: signals.q.shape[1] > 1,
-    lacking="",
     excitation=ALONE,
-    name_driver=lambda shape, joints, joint: [name.format(other=joints[int(shape[0])]) for name in DRIVEN_BY],
 )

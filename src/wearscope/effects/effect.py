@@ -7,8 +7,9 @@ further `shape` parameters nonlinearly. Internal states, as of presliding, pass 
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,7 +36,8 @@ WEAR = "repeat the motion new and worn, at one temperature"
 #: Advice for an effect that names no motion.
 OTHERS = "repeat the motion at other speeds, in other postures and with another payload"
 
-
+#: Effects of a usual joint. They hide or mimic missing effects, so that the search tries them first.
+USUAL = frozenset({"coulomb", "rotor_inertia", "torque_offset", "viscous"})
 #: Half width of the search about a grid value of a shape parameter, in its logarithm. Neighbours on a grid
 #: differ by factors of up to e^0.8.
 SEARCH_WIDTH = 0.8
@@ -44,6 +46,9 @@ SEARCH_WIDTH = 0.8
 @dataclass(frozen=True)
 class Effect:
     """A joint-torque effect. The vocabulary is all effects of the platform.
+
+    A kind of effect with rules of its own is a class in `wearscope.effects.kinds`, or in the effect's file.
+    It overrides the properties and methods below.
 
     Attributes
     ----------
@@ -54,99 +59,46 @@ class Effect:
         Parameters in which the torque is linear, one for each regressor column.
     source : str
         Reference of the form.
+    depends_on : tuple of str
+        Signals, with ``{joint}`` for the joint. ``{other}`` is another joint that drives this one: the first
+        shape parameter is its index.
     shape : tuple of Parameter
         Parameters in which the torque is not linear.
     row : callable or None
         Function that writes the regressors of one sample, compiled with `compile_row`; None for an effect
         that is not a torque of the joint's own motion.
+    n_states : int
+        Number of internal states of `row`.
     regressors : callable or None
         ``regressors(signals, joint, shape)`` returns regressors (N, p), or (N, n, p) where `spread`, from
         signals with further measured channels, which `row` does not get. An effect that also has a `row` uses
         it for signals without channels, such as those of a planned motion, and in the simulation.
-    n_states : int
-        Number of internal states.
-    depends_on : tuple of str
-        Signals, with ``{joint}`` for the joint and ``{other}`` for a driving joint.
     spread : bool
         Whether the effect at one joint changes the torque of every joint.
+    search : callable or None
+        ``search(signals, joint)`` returns values of the shape parameters to try, (S, k); None tries the
+        defaults.
     variants : tuple of tuple of str
         Subsets of coefficients that the search tries on their own; empty for all of them together.
     extensions : tuple of tuple of str
         Larger subsets, which the search tries only where a variant was already named.
-    search : callable or None
-        ``search(signals, joint)`` returns values of the shape parameters to try, (S, k); None tries the
-        defaults.
-    searched : int or None
-        Number of shape parameters that the search fits to the torque; None for those that are estimated.
-    search_width : callable or None
-        ``search_width(signals, joint, shape)`` returns the half width of the search about `shape`, in the
-        logarithm of the first estimated shape parameter; `SEARCH_WIDTH` where None.
-    standard : bool
-        Whether a usual joint has the effect, so that the search tries it first.
-    candidate : bool
+    candidate : bool or str
         Whether the diagnosis may name the effect as missing; False for one that is only declared, or generic.
-    empirical : bool
-        Whether it is a generic form whose coefficients have no meaning of their own.
+        The name of another effect: only where that one's value is given, of which this effect is the error.
     parents : tuple of str
         At least one of these effects must be in the joint's model before this one is a candidate.
     contains : tuple of str
         Effects whose columns are linear combinations of its own, so that they need not be searched next to
         it.
-    parts : mapping of str to tuple of str
-        Effects that are a part of this one, each with the names of the parameters that both share.
-    corrects : str
-        Declared effect with given values, of which this effect is the error. It is a candidate only where
-        that effect is declared.
-    given_by : str
-        Field of a model's `drive` or a data set's `robot` that may give the value; then nothing is fitted.
-    repeatable : bool
-        Whether a joint can have the effect several times.
-    per_robot : bool
-        Whether the effect belongs to the whole robot; it is then listed at the last joint.
     applies : callable or None
         ``applies(signals, joint)`` returns whether the signals hold what the effect needs; None for always.
-    lacking : str
-        Message for signals to which the effect does not apply; empty where no recording could change that.
-    least : callable or None
-        ``least(signals)`` returns the smallest believable magnitude of the first coefficient; 0 where None.
-    periodic : bool
-        Whether the effect is periodic in the joint's position, with its first shape parameter as wavenumber.
-        The search then takes the wavenumbers to try from a spectrum of the residual over position.
-    resembles_any : callable or None
-        ``resembles_any(signals, joint, shape)`` returns whether the effect can, with that shape, follow any
-        function of its signals, so that it needs more evidence; None for never.
-    opposes_gravity : bool
-        Whether the effect is built to balance gravity at its joint; the search prefers it where it does.
     excitation : str
         Motion that shows the effect best.
-    excitation_alone : str
-        The same for a robot with a single joint; empty for `excitation`.
-    title : str
-        Usual name, where `name` is not clear enough.
-    name_driver : callable or None
-        ``name_driver(shape, joints, joint)`` returns the signals that the effect depends on, where its shape
-        parameters select them.
-    limit_temperature : callable or None
-        ``limit_temperature(values)`` returns the lowest and highest temperature [deg C], exclusive, at which
-        the effect is valid with given values of all parameters; None for every temperature.
-    changes : int or None
-        Position in the list of changes that the comparison of sessions tries at every joint, the most
-        believable first. None where it tries the effect only at joints that have it.
-    change_shape : callable or None
-        ``change_shape(top_speed)`` returns the shape parameters (k,) for such a change; None for the
-        defaults.
-    mounted : bool
-        Whether the effect is a part that somebody mounts on the joint knowingly, such as a spring.
-    thermal : bool
-        Whether the effect is the dependence of a joint's friction on a recorded temperature.
     passive : callable or None
         ``passive(values, temperature)`` returns what formats with passive joints (URDF, MJCF) can hold of the
-        effect: `friction`, `damping`, `quadratic` (factor of v abs(v)), `stiffness`, `preload`, and the
-        tuples `falling` (level, speed, exponent), `presliding` (level, displacement) and `wave` (cosine,
-        sine, wavenumber). None where they hold nothing.
-    passive_lacks : str
-        What these formats cannot hold of the effect, with ``{temperature}`` [deg C]; empty where they hold
-        all.
+        effect: `friction`, `damping`, `quadratic` (factor of v abs(v)), `stiffness`, `preload`, `by_load`
+        (friction over load), and the tuples `falling` (level, speed, exponent), `presliding` (level,
+        displacement) and `wave` (cosine, sine, wavenumber). None where they hold nothing.
     reference : str
         Path of the file that the effect was loaded from; empty for the platform's effects.
     """
@@ -159,41 +111,23 @@ class Effect:
     shape: tuple[Parameter, ...] = ()
     row: Callable | None = None
     n_states: int = 0
+    regressors: Callable[[Signals, int, np.ndarray], np.ndarray] | None = None
     spread: bool = False
+    search: Callable[[Signals, int], np.ndarray] | None = None
     variants: tuple[tuple[str, ...], ...] = ()
     extensions: tuple[tuple[str, ...], ...] = ()
-    search: Callable[[Signals, int], np.ndarray] | None = None
-    regressors: Callable[[Signals, int, np.ndarray], np.ndarray] | None = None
-    searched: int | None = None
-    search_width: Callable[[Signals, int, np.ndarray], float] | None = None
-    standard: bool = False
-    candidate: bool = True
-    empirical: bool = False
+    candidate: bool | str = True
     parents: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
-    parts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    corrects: str = ""
-    given_by: str = ""
-    repeatable: bool = False
-    per_robot: bool = False
     applies: Callable[[Signals, int], bool] | None = None
-    lacking: str = "the runs do not hold the signals that it needs"
-    least: Callable[[Signals], float] | None = None
-    periodic: bool = False
-    resembles_any: Callable[[Signals, int, Sequence[float]], bool] | None = None
-    opposes_gravity: bool = False
     excitation: str = OTHERS
-    excitation_alone: str = ""
-    title: str = ""
-    name_driver: Callable[[Sequence[float], Sequence[str], int], list[str]] | None = None
-    limit_temperature: Callable[[Mapping[str, float]], tuple[float, float]] | None = None
-    changes: int | None = None
-    change_shape: Callable[[float], np.ndarray] | None = None
-    mounted: bool = False
-    thermal: bool = False
     passive: Callable[[Mapping[str, float], float], Mapping[str, float | tuple[float, ...]]] | None = None
-    passive_lacks: str = ""
     reference: str = ""
+
+    #: Whether a kind of effect belongs to the whole robot; it is then listed at the last joint.
+    per_robot: ClassVar[bool] = False
+    #: Whether a kind of effect is a generic form whose coefficients have no meaning of their own.
+    empirical: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -204,6 +138,26 @@ class Effect:
     def label(self) -> str:
         """Name of the effect in a model file: the path of its file, or its name in the vocabulary."""
         return self.reference or self.name
+
+    @property
+    def standard(self) -> bool:
+        """Whether a usual joint has the effect, so that the search tries it first."""
+        return self.name in USUAL
+
+    @property
+    def corrects(self) -> str:
+        """Declared effect of whose given value this one is the error; empty where it is none."""
+        return self.candidate if isinstance(self.candidate, str) else ""
+
+    @property
+    def selects_signals(self) -> bool:
+        """Whether its shape parameters select the signals that it depends on."""
+        return any("{" in name and "{joint}" not in name for name in self.depends_on)
+
+    @property
+    def repeatable(self) -> bool:
+        """Whether a joint can have the effect several times: once for each signal that it may depend on."""
+        return self.selects_signals
 
     @property
     def is_friction(self) -> bool:
@@ -235,6 +189,11 @@ class Effect:
     def is_offset(self) -> bool:
         """Whether its torque is constant."""
         return set(self.depends_on) == {"constant"}
+
+    @property
+    def is_by_position(self) -> bool:
+        """Whether its torque depends on the joint's position alone, as that of a mounted spring."""
+        return set(self.depends_on) == {"q_{joint}"}
 
     @property
     def needs_wear(self) -> bool:
@@ -293,16 +252,11 @@ class Effect:
 
         The search is about a value (k,) that `shapes` returned.
         """
-        if self.search_width is None:
-            return SEARCH_WIDTH
-        return self.search_width(signals, joint, np.asarray(shape, dtype=float))
+        return SEARCH_WIDTH
 
     def complexity(self, subset: Iterable[int]) -> int:
         """Return the number of fitted values: the coefficients of a subset, and the searched shapes."""
-        fitted = 0
-        if self.search is not None:
-            fitted = len(self.estimated_shapes()) if self.searched is None else self.searched
-        return len(list(subset)) + fitted
+        return len(list(subset)) + (0 if self.search is None else len(self.estimated_shapes()))
 
     def subsets(self) -> list[np.ndarray]:
         """Return the indices of the coefficients of each variant."""
@@ -333,23 +287,20 @@ class Effect:
 
     def least_size(self, signals: Signals) -> float:
         """Return the smallest believable magnitude of the first coefficient, in its unit."""
-        return 0.0 if self.least is None else float(self.least(signals))
+        return 0.0
 
     def motion_for(self, n: int) -> str:
         """Return the advice on the motion that shows the effect on a robot of `n` joints."""
-        return self.excitation_alone if n == 1 and self.excitation_alone else self.excitation
+        return self.excitation
 
     def temperatures(self, values: Mapping[str, float]) -> tuple[float, float]:
         """Return the lowest and highest temperature [deg C], exclusive, at which the effect is valid."""
-        if self.limit_temperature is None:
-            return -np.inf, np.inf
-        return self.limit_temperature(self.fill(values))
+        return -np.inf, np.inf
 
     def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
         """Return the signals that the effect at a joint depends on, with given shape parameters (k,)."""
-        if self.name_driver is not None:
-            return self.name_driver(shape, joints, joint)
-        return [name.format(joint=joints[joint]) for name in self.depends_on]
+        others = {"other": joints[int(shape[0])]} if self.selects_signals else {}
+        return [name.format(joint=joints[joint], **others) for name in self.depends_on]
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
         """Return the regressors along signals.

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import TEMPERATURE, Effect, Parameter, compile_row, decay
-from wearscope.effects.friction_wear_temperature import limit_temperature
+from wearscope.effects.base import TEMPERATURE, FrictionLaw, Parameter, compile_row, decay
 
 
 @compile_row
@@ -17,7 +16,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     out[2] = (warmth - reference) * v[j]
 
 
-EFFECT = Effect(
+EFFECT = FrictionLaw(
     name="friction_temperature",
     form="s(T) - s(reference), s(T) = (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) sign(v) + eta6 T v",
     coefficients=(
@@ -35,6 +34,5 @@ EFFECT = Effect(
         Parameter("reference", "deg C", default=50.0, estimated=False),
     ),
     candidate=False,
-    limit_temperature=limit_temperature,
     excitation=TEMPERATURE,
 )

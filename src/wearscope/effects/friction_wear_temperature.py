@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wearscope.effects.base import TEMPERATURE, Effect, Parameter, Signals, compile_row, decay
+from wearscope.effects.base import TEMPERATURE, FrictionLaw, Parameter, Signals, compile_row, decay
 
 
 @compile_row
@@ -27,14 +27,6 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array([(fastest * share, 0.0, 1e-3, 1.0) for share in (0.02, 0.05, 0.1, 0.2, 0.4)])
 
 
-def limit_temperature(values: Mapping[str, float]) -> tuple[float, float]:
-    """Return the range of temperatures in which the Stribeck speed eta3 + eta4 T is positive."""
-    start, slope = values["eta3"], values["eta4"]
-    if slope == 0.0:
-        return (-np.inf, np.inf) if start > 0.0 else (np.inf, -np.inf)
-    return (-start / slope, np.inf) if slope > 0.0 else (-np.inf, -start / slope)
-
-
 def _hold(values: Mapping[str, float], temperature: float) -> dict[str, float | tuple[float, ...]]:
     """Return the friction of a passive joint at a temperature, without wear and negative Stribeck terms."""
     held: dict[str, float | tuple[float, ...]] = {
@@ -47,7 +39,7 @@ def _hold(values: Mapping[str, float], temperature: float) -> dict[str, float | 
     return held
 
 
-EFFECT = Effect(
+EFFECT = FrictionLaw(
     name="friction_wear_temperature",
     form="eta0 + (eta1 + eta2 T) exp(-abs(v/(eta3 + eta4 T))^alpha) + (eta5 + eta6 T) v"
     " + eta7 f exp(-abs(v/(eta8 f))^alpha) + eta9 f v",
@@ -64,7 +56,6 @@ EFFECT = Effect(
     depends_on=("qd_{joint}", "sign_qd_{joint}", "temp_{joint}", "wear_{joint}"),
     row=_row,
     passive=_hold,
-    passive_lacks="it is held at {temperature} deg C and without wear",
     shape=(
         Parameter("eta3", "{position}/s", default=np.nan),
         Parameter("eta4", "{position}/(s K)", estimated=False),
@@ -74,10 +65,6 @@ EFFECT = Effect(
     search=_search,
     candidate=False,
     contains=("coulomb", "viscous", "stribeck", "temperature_dependent_friction", "wear"),
-    parts={
-        "wear": ("eta7", "eta8", "eta9", "alpha"),
-        "friction_temperature": ("eta1", "eta2", "eta3", "eta4", "eta6", "alpha"),
-    },
-    limit_temperature=limit_temperature,
+    parts=("wear", "friction_temperature"),
     excitation=TEMPERATURE,
 )

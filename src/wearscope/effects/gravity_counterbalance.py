@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wearscope.effects.base import RANGE, Effect, Parameter, compile_row
+from wearscope.effects.base import RANGE, Parameter, WaveEffect, compile_row
 
 
 @compile_row
@@ -14,7 +14,7 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
     out[4] = np.cos(2.0 * q[j])
 
 
-EFFECT = Effect(
+EFFECT = WaveEffect(
     name="gravity_counterbalance",
     form="bias + sine1 sin(q) + cosine1 cos(q) + sine2 sin(2 q) + cosine2 cos(2 q)",
     coefficients=(
@@ -33,8 +33,5 @@ EFFECT = Effect(
         ("sine1", "cosine1", "bias", "sine2", "cosine2"),
     ),
     contains=("torque_offset",),
-    opposes_gravity=True,
     excitation=RANGE,
-    changes=8,
-    mounted=True,
 )

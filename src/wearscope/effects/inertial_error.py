@@ -5,7 +5,7 @@ apart. One motion does not identify all coefficients, and some coefficients no m
 Khalil 1990: base parameters).
 """
 
-from wearscope.effects.base import PAYLOAD, QUICK, InertialEffect
+from wearscope.effects.base import QUICK, InertialEffect
 from wearscope.effects.payload_error import EFFECT as PAYLOAD_ERROR
 
 EFFECT = InertialEffect(
@@ -14,11 +14,8 @@ EFFECT = InertialEffect(
     coefficients=(),
     source="Gautier and Khalil 1990, IEEE T. Robotics and Automation 6(3)",
     depends_on=("load_{joint}",),
-    spread=True,
     link=PAYLOAD_ERROR.coefficients,
-    corrects="rigid_body",
+    candidate="rigid_body",
     contains=("payload_error",),
-    per_robot=True,
     excitation=QUICK,
-    excitation_alone=PAYLOAD,
 )

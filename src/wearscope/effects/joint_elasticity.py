@@ -25,7 +25,6 @@ EFFECT = TransmissionEffect(
     ),
     source="Spong 1987, ASME JDSMC 109(4)",
     depends_on=("load_{joint}", "qdd_{joint}"),
-    spread=True,
     installs=("compliance",),
     excitation=QUICK,
 )

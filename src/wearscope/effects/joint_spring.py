@@ -22,6 +22,4 @@ EFFECT = Effect(
     contains=("torque_offset",),
     excitation=RANGE,
     passive=lambda values, temperature: {"stiffness": values["stiffness"], "preload": values["preload"]},
-    changes=7,
-    mounted=True,
 )

@@ -1,19 +1,21 @@
-"""Classes of effects that are not a torque of the joint's own motion: bodies, gears, measurement errors."""
+"""Kinds of effects with rules of their own: bodies, gears, measurement errors, waves, eq. (17)."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from wearscope.effects.effect import Effect
+from wearscope.effects.effect import PAYLOAD, Effect
 from wearscope.effects.parameter import Parameter
 from wearscope.effects.rows import Plant
 from wearscope.effects.signals import Signals, differentiate
 
 #: Number of values that describe a body's weight: its mass and three first moments.
 _BODY = 4
+#: Smallest believable delay, in samples of the recording; the clocks of two channels may differ by as much.
+LEAST_SAMPLES = 0.1
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,16 @@ class RigidBodyEffect(Effect):
 
 
 @dataclass(frozen=True)
-class ArmatureEffect(Effect):
+class InertiaEffect(Effect):
+    """Inertia that the motors move: on a robot with one joint, only another payload shows it."""
+
+    def motion_for(self, n: int) -> str:
+        """Return the advice on the motion that shows the effect on a robot of `n` joints."""
+        return PAYLOAD if n == 1 else self.excitation
+
+
+@dataclass(frozen=True)
+class ArmatureEffect(InertiaEffect):
     """Inertia on the motor side."""
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
@@ -38,7 +49,15 @@ class ArmatureEffect(Effect):
 
 
 @dataclass(frozen=True)
-class PayloadEffect(Effect):
+class BodyEffect(InertiaEffect):
+    """Inertial parameters of bodies: they belong to the whole robot, and every joint feels them."""
+
+    spread: bool = True
+    per_robot: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class PayloadEffect(BodyEffect):
     """Inertial parameters at the last link in addition to the declared payload."""
 
     def columns(self, signals: Signals, joint: int, shape: np.ndarray) -> np.ndarray:
@@ -57,7 +76,7 @@ class PayloadEffect(Effect):
 
 
 @dataclass(frozen=True)
-class InertialEffect(Effect):
+class InertialEffect(BodyEffect):
     """Inertial parameters of the links in addition to those of the URDF; their number depends on the robot.
 
     The names of the parameters of link k, which the k-th joint moves, end in ``_k``, counted from 1. On a
@@ -125,6 +144,7 @@ class TransmissionEffect(Effect):
     The deflection of an `abrupt` effect jumps.
     """
 
+    spread: bool = True
     bend: Callable = field(default=lambda torque, shape: torque)
     abrupt: bool = False
     installs: tuple[str, ...] = ()
@@ -165,6 +185,10 @@ class MeasurementEffect(Effect):
             return -differentiate(torque, 1.0 / signals.dt)[:, None]
         return (self._delay(signals, joint, lag) / lag)[:, None]
 
+    def least_size(self, signals: Signals) -> float:
+        """Return the smallest believable magnitude of the first coefficient: 0 for a gain, a delay in s."""
+        return 0.0 if self.kind == "gain" else LEAST_SAMPLES * signals.dt / signals.factor
+
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
         """Return the change (N,) of the recorded torque; that by a delay is computed as a shift in time."""
         if self.kind == "gain":
@@ -184,3 +208,44 @@ class MeasurementEffect(Effect):
         """Add the gain error or the delay to the plant's recorded torque."""
         target = plant.torque_gain if self.kind == "gain" else plant.torque_delay
         target[joint] += self.pack(values)[0][0]
+
+
+@dataclass(frozen=True)
+class WaveEffect(Effect):
+    """Waves over the joint's position: as many to a turn as gravity has, or of a wavenumber that is fitted.
+
+    A fitted wavenumber is the first shape parameter. The search takes the wavenumbers to try from a spectrum
+    of the residual over position.
+    """
+
+    @property
+    def repeatable(self) -> bool:
+        """Whether a joint can have the effect several times: once for each wavenumber."""
+        return bool(self.shape)
+
+    def width(self, signals: Signals, joint: int, shape: Sequence[float]) -> float:
+        """Return the half width of the search for the wavenumber, in its logarithm [-]."""
+        # Two waves can be told apart where they shift by half a period over the visited range.
+        travel = max(float(np.ptp(signals.q[:, joint])), 1e-12)
+        return min(0.3, np.pi / travel / float(shape[0]))
+
+
+@dataclass(frozen=True)
+class FrictionLaw(Effect):
+    """Friction by the paper's eq. (17), whose speed of decay eta3 + eta4 T depends on the temperature T.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        Effects that are a part of this one, and share parameters with it by name.
+    """
+
+    parts: tuple[str, ...] = ()
+
+    def temperatures(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Return the range of temperatures [deg C], exclusive, in which eta3 + eta4 T is positive."""
+        filled = self.fill(values)
+        start, slope = filled["eta3"], filled["eta4"]
+        if slope == 0.0:
+            return (-np.inf, np.inf) if start > 0.0 else (np.inf, -np.inf)
+        return (-start / slope, np.inf) if slope > 0.0 else (-np.inf, -start / slope)

@@ -40,7 +40,5 @@ EFFECT = Effect(
     search=_search,
     parents=("coulomb",),
     excitation=PAYLOAD,
-    changes=2,
     passive=lambda values, temperature: {"by_load": values["coefficient"]},
-    passive_lacks="its friction is held at one load, the mean of the motion compared, and does not fall",
 )

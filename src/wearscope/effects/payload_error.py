@@ -1,6 +1,6 @@
 """Error of the declared payload's mass and centre of mass."""
 
-from wearscope.effects.base import PAYLOAD, POSTURES, Parameter, PayloadEffect
+from wearscope.effects.base import POSTURES, Parameter, PayloadEffect
 
 EFFECT = PayloadEffect(
     name="payload_error",
@@ -19,7 +19,6 @@ EFFECT = PayloadEffect(
     ),
     source="Swevers et al. 2007, IEEE Control Systems 27(5), payload identification",
     depends_on=("load_{joint}",),
-    spread=True,
     variants=(("mass", "moment_x", "moment_y", "moment_z"),),
     extensions=(
         (
@@ -27,8 +26,5 @@ EFFECT = PayloadEffect(
             *("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz"),
         ),
     ),
-    per_robot=True,
     excitation=POSTURES,
-    excitation_alone=PAYLOAD,
-    changes=4,
 )

@@ -10,7 +10,6 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="quadratic_viscous",
-    title="quadratic viscous friction",
     form="curvature v abs(v)",
     coefficients=(Parameter("curvature", "{torque} s^2/{position}^2", lower=0.0),),
     source="Hamon et al. 2010, IEEE IROS: friction with speed-squared term",

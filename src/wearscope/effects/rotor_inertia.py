@@ -1,6 +1,6 @@
 """Rotor inertia reflected to the joint."""
 
-from wearscope.effects.base import PAYLOAD, QUICK, ArmatureEffect, Parameter, compile_row
+from wearscope.effects.base import QUICK, ArmatureEffect, Parameter, compile_row
 
 
 @compile_row
@@ -15,8 +15,5 @@ EFFECT = ArmatureEffect(
     source="Sciavicco and Siciliano 2000, sec. 4.2",
     depends_on=("qdd_{joint}",),
     row=_row,
-    standard=True,
-    given_by="rotor_inertia",
     excitation=QUICK,
-    excitation_alone=PAYLOAD,
 )

@@ -1,6 +1,6 @@
 """Error of the declared rotor inertia: additional inertia on the motor side."""
 
-from wearscope.effects.base import PAYLOAD, POSTURES, ArmatureEffect, Parameter
+from wearscope.effects.base import POSTURES, ArmatureEffect, Parameter
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 
 EFFECT = ArmatureEffect(
@@ -10,8 +10,6 @@ EFFECT = ArmatureEffect(
     source="Sciavicco and Siciliano 2000, sec. 4.2",
     depends_on=("qdd_{joint}",),
     row=ROTOR_INERTIA.row,
-    corrects="rotor_inertia",
+    candidate="rotor_inertia",
     excitation=POSTURES,
-    excitation_alone=PAYLOAD,
-    changes=9,
 )

@@ -19,7 +19,6 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
 
 EFFECT = Effect(
     name="stribeck",
-    title="Stribeck friction",
     form="level exp(-abs(v/speed)^exponent) sign(v)",
     coefficients=(Parameter("level", "{torque}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",

@@ -20,7 +20,8 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.array([[np.mean(signals.temperature[:, joint])]])
 
 
-def _varies(signals: Signals, joint: int) -> bool:
+def varies(signals: Signals, joint: int) -> bool:
+    """Return whether a joint's temperature is recorded, and spans more than a sensor shows anyway."""
     temperature = signals.temperature[:, joint]
     return bool(np.isfinite(temperature).all() and np.ptp(temperature) > LEAST_SPAN)
 
@@ -39,13 +40,10 @@ EFFECT = Effect(
     variants=(("coulomb_slope",), ("viscous_slope",), ("coulomb_slope", "viscous_slope")),
     search=_search,
     parents=("coulomb", "viscous"),
-    applies=_varies,
-    lacking="its temperature is not recorded, or hardly changes",
+    applies=varies,
     excitation=TEMPERATURE,
-    thermal=True,
     passive=lambda values, temperature: {
         "friction": values["coulomb_slope"] * (temperature - values["reference"]),
         "damping": values["viscous_slope"] * (temperature - values["reference"]),
     },
-    passive_lacks="it is held at {temperature} deg C",
 )

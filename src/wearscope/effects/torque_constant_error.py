@@ -15,5 +15,4 @@ EFFECT = MeasurementEffect(
     depends_on=("tau_{joint}",),
     kind="gain",
     excitation=PAYLOAD,
-    changes=5,
 )

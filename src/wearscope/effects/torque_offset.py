@@ -15,7 +15,5 @@ EFFECT = Effect(
     source="Janot et al. 2019, EMPS benchmark",
     depends_on=("constant",),
     row=_row,
-    standard=True,
     excitation=REVERSALS,
-    changes=6,
 )

@@ -1,16 +1,12 @@
 """Torque that is periodic in position, from gear mesh, cogging or the pitch of a ball screw."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from wearscope.effects.base import SESSIONS, Effect, Parameter, Signals, compile_row
+from wearscope.effects.base import SESSIONS, Parameter, Signals, WaveEffect, compile_row
 
 #: Fewest periods over the visited range. If the time is spread evenly over the range, a wave of this many
 #: periods has a correlation of 0.1 with the straight line of a spring; a wave of one period has 0.8.
 FEWEST_PERIODS = 1.5
-#: A wave with at least this many periods over the visited range has a form that no other effect can mimic.
-CLEAR_PERIODS = 3.0
 #: Fewest periods in a turn. The rigid-body torque is a polynomial of second degree in sine and cosine of each
 #: joint's angle, so that errors of its parameters look like waves with fewer periods.
 LOWEST_ORDER = 3.0
@@ -33,17 +29,7 @@ def _search(signals: Signals, joint: int) -> np.ndarray:
     return np.arange(lowest, max(highest, lowest + 2 * np.pi / reach), np.pi / reach)[:, None]
 
 
-def _resembles_any(signals: Signals, joint: int, shape: Sequence[float]) -> bool:
-    return float(np.ptp(signals.q[:, joint])) * shape[0] < 2 * np.pi * CLEAR_PERIODS
-
-
-def _search_width(signals: Signals, joint: int, shape: np.ndarray) -> float:
-    # Two waves can be told apart where they shift by half a period over the visited range.
-    travel = max(float(np.ptp(signals.q[:, joint])), 1e-12)
-    return min(0.3, np.pi / travel / float(shape[0]))
-
-
-EFFECT = Effect(
+EFFECT = WaveEffect(
     name="torque_ripple",
     form="cosine cos(wavenumber q) + sine sin(wavenumber q)",
     coefficients=(
@@ -55,10 +41,6 @@ EFFECT = Effect(
     row=_row,
     shape=(Parameter("wavenumber", "1/{position}", lower=0.0, default=1.0),),
     search=_search,
-    repeatable=True,
-    search_width=_search_width,
-    periodic=True,
-    resembles_any=_resembles_any,
     excitation=SESSIONS,
     passive=lambda values, temperature: {"wave": (values["cosine"], values["sine"], values["wavenumber"])},
 )

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from wearscope.effects.base import OTHERS, Effect, Parameter, Signals, compile_row
+from wearscope.effects.base import Effect, Parameter, Signals, compile_row
 
 #: Numbers of hat functions that are tried.
 LEVELS = (5, 9, 17, 33)
@@ -117,19 +117,26 @@ def list_signals(shape: Sequence[float]) -> list[tuple[int, int]]:
     return [first] if second[0] < 0 else [first, second]
 
 
-def name_signals(shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
-    """Return the names of the signals that a term of the given shape at a joint depends on."""
-    modulator = MODULATORS[int(shape[2])]
-    names = [
-        "t" if SIGNALS[code] == "t" else f"{SIGNALS[code]}_{joints[source]}"
-        for code, source in list_signals(shape)
-    ]
-    if modulator:
-        names.append(f"{modulator}_{joints[joint]}")
-    return list(dict.fromkeys(names))
+class _Unknown(Effect):
+    """A spline, whose shape parameters select its signals; without such signals, a spline of anything."""
+
+    empirical = True
+
+    def name_signals(self, shape: Sequence[float], joints: Sequence[str], joint: int) -> list[str]:
+        """Return the signals that a term of the given shape at a joint depends on."""
+        if not self.selects_signals:
+            return super().name_signals(shape, joints, joint)
+        modulator = MODULATORS[int(shape[2])]
+        names = [
+            "t" if SIGNALS[code] == "t" else f"{SIGNALS[code]}_{joints[source]}"
+            for code, source in list_signals(shape)
+        ]
+        if modulator:
+            names.append(f"{modulator}_{joints[joint]}")
+        return list(dict.fromkeys(names))
 
 
-EFFECT = Effect(
+EFFECT = _Unknown(
     name="unknown",
     form="modulator times a linear spline of one signal, or the product of two",
     coefficients=tuple(Parameter(f"height{k}", "{torque}") for k in range(LEVELS[-1])),
@@ -150,8 +157,4 @@ EFFECT = Effect(
     row=_row,
     search=_search,
     candidate=False,
-    empirical=True,
-    repeatable=True,
-    excitation=OTHERS,
-    name_driver=name_signals,
 )

@@ -10,14 +10,11 @@ def _row(j, t, dt, sign, q, v, a, load, temperature, wear, shape, state, next_st
 
 EFFECT = Effect(
     name="viscous",
-    title="viscous friction",
     form="slope v",
     coefficients=(Parameter("slope", "{torque} s/{position}", lower=0.0),),
     source="Armstrong-Helouvry et al. 1994, Automatica 30(7)",
     depends_on=("qd_{joint}",),
     row=_row,
-    standard=True,
     passive=lambda values, temperature: {"damping": values["slope"]},
     excitation=SPEEDS,
-    changes=1,
 )

@@ -4,8 +4,23 @@ from collections.abc import Collection, Iterable, Sequence
 from functools import cache
 
 from wearscope import plugins
-from wearscope.effects.effect import Effect
+from wearscope.effects.base import ArmatureEffect, Effect, load_effect
 from wearscope.errors import InputError
+
+#: Effects whose change the comparison of sessions tries at every joint, the most believable first.
+CHANGES = (
+    "coulomb", "viscous", "load_dependent_friction", "wear", "payload_error", "torque_constant_error",
+    "torque_offset", "joint_spring", "gravity_counterbalance", "rotor_inertia_error",
+)  # fmt: skip
+#: Usual names, where an effect's own name is not clear enough.
+TITLES = {
+    "concave_viscous": "concave viscous friction",
+    "coulomb": "Coulomb friction",
+    "coulomb_asymmetry": "Coulomb asymmetry",
+    "quadratic_viscous": "quadratic viscous friction",
+    "stribeck": "Stribeck friction",
+    "viscous": "viscous friction",
+}
 
 
 @cache
@@ -26,26 +41,22 @@ def plain_friction() -> list[Effect]:
 
 def session_effects() -> list[Effect]:
     """Return the effects that the comparison of sessions tries at every joint, the most believable first."""
-    asked = {effect.changes: effect for effect in _builtin() if effect.changes is not None}
-    return [asked[place] for place in sorted(asked)]
+    return [load_effect(name) for name in CHANGES]
 
 
 def worn_effect() -> Effect:
     """Return the effect that is the change of a joint's friction by wear."""
-    (effect,) = (effect for effect in session_effects() if effect.needs_wear)
-    return effect
+    return load_effect("wear")
 
 
 def thermal_friction() -> Effect:
     """Return the effect that is the dependence of friction on a recorded temperature."""
-    (effect,) = (effect for effect in _builtin() if effect.thermal)
-    return effect
+    return load_effect("temperature_dependent_friction")
 
 
 def empirical_effect() -> Effect:
     """Return the generic effect for structure that no other effect explains."""
-    (effect,) = (effect for effect in _builtin() if effect.empirical)
-    return effect
+    return load_effect("unknown")
 
 
 def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[Effect]:
@@ -57,7 +68,7 @@ def given_effects(declared: Iterable[Effect], stated: Collection[str]) -> list[E
     stated : collection of str
         Names of the fields that have a value, e.g. of a data set's `robot`.
     """
-    return [effect for effect in declared if effect.given_by and effect.given_by in stated]
+    return [effect for effect in declared if isinstance(effect, ArmatureEffect) and effect.name in stated]
 
 
 def candidate_effects(
@@ -82,7 +93,8 @@ def candidate_effects(
     -------
     list of Effect
         Effects of the vocabulary, then of `extra`, for a robot of `n` joints. Declared effects, effects that
-        these contain, and errors of values that are fitted are left out.
+        these contain, and errors of values that are fitted are left out; on a robot with one joint, also
+        effects of another joint.
 
     Raises
     ------
@@ -103,4 +115,5 @@ def candidate_effects(
         effect.for_robot(n)
         for effect in found.values()
         if effect.candidate and effect.name not in gone and (not effect.corrects or effect.corrects in given)
+        if n > 1 or not effect.selects_signals
     ]

@@ -1,12 +1,6 @@
 """Friction that wear adds: the wear terms of the paper's eq. (17), which are 0 without wear."""
 
-import numpy as np
-
 from wearscope.effects.base import WEAR, Effect, Parameter, compile_row, decay
-
-#: Speed over which the added friction at low speed decays, as a share of the joint's top speed; it is used as
-#: long as data do not show the value.
-BUMP = 0.05
 
 
 @compile_row
@@ -33,6 +27,4 @@ EFFECT = Effect(
     ),
     candidate=False,
     excitation=WEAR,
-    changes=3,
-    change_shape=lambda top_speed: np.array([BUMP * top_speed, 1.0]),
 )

@@ -40,6 +40,12 @@ LACKS = {
         "wave": "it has no torque that goes with the position",
     },
 }
+#: Signals on which a passive joint cannot depend, and where each is held.
+_HELD_AT = {
+    "temp_{joint}": "at {temperature} deg C",
+    "wear_{joint}": "without wear",
+    "load_{joint}": "at one load, the mean of the motion compared, and does not fall",
+}
 #: Highest frequency [rad/s] of a gear with the inertias on its two sides, and of a joint's inertia on the
 #: bristles of its friction where the model states no displacement. Eight coupled joints of this frequency
 #: stay below the 2000 rad/s that a step of 1 ms can follow.
@@ -233,8 +239,13 @@ def _take(
         for format, lacks in LACKS.items():
             if term in lacks:
                 _leave(held, [format], joint, name, lacks[term])
-    if effect.passive_lacks:
-        _leave(held, FORMATS, joint, name, effect.passive_lacks.format(temperature=f"{warmth:g}"))
+    fixed = [
+        text.format(temperature=f"{warmth:g}")
+        for signal, text in _HELD_AT.items()
+        if signal in effect.depends_on
+    ]
+    if fixed:
+        _leave(held, FORMATS, joint, name, f"it is held {' and '.join(fixed)}")
 
 
 def _leave(held: Holdings, formats: Sequence[str], joint: str, effect: str, reason: str) -> None:

@@ -51,9 +51,9 @@ def words(value: object) -> str:
 def effect_name(code: str) -> str:
     """Readable name of an effect: ``Stribeck friction``; of an own effect, its code as text."""
     # Imported here: it brings compiled code, and a study without a loop does not need it.
-    from wearscope.effects.vocabulary import list_effects
+    from wearscope.effects.vocabulary import TITLES
 
-    return next((one.title for one in list_effects() if one.name == code and one.title), words(code))
+    return TITLES.get(code, words(code))
 
 
 def change_name(code: str, joint: str) -> str:

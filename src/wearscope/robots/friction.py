@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from wearscope.effects.base import Effect, Signals, load_effect
+from wearscope.effects.base import Effect, FrictionLaw, Signals, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.model import RobotModel
 
@@ -293,10 +293,10 @@ def _lend(
     for effect, values in _effects_at(source, joint):
         if SIGNALS[dependence] not in effect.depends_on:
             continue
-        parts = [(load_effect(name), kept) for name, kept in effect.parts.items()]
-        chosen = [(part, kept) for part, kept in parts if SIGNALS[dependence] in part.depends_on]
-        for part, kept in chosen:
-            own = {name: values[name] for name in kept if name in values}
+        parts = [load_effect(name) for name in (effect.parts if isinstance(effect, FrictionLaw) else ())]
+        chosen = [part for part in parts if SIGNALS[dependence] in part.depends_on]
+        for part in chosen:
+            own = {p.name: values[p.name] for p in part.parameters if p.name in values}
             if any(p.name == REFERENCE for p in part.parameters):
                 own[REFERENCE] = reference
             lent.append((part, own))

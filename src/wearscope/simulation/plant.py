@@ -49,7 +49,7 @@ def build_plant(model: RobotModel) -> Plant:
     check_effects(model)
     plant = Plant(model.n)
     for effect in STATED_BY_DRIVE:
-        stated = getattr(model.drive, effect.given_by)
+        stated = getattr(model.drive, effect.name)
         if stated is None:
             continue
         (coefficient,) = effect.coefficients
@@ -58,7 +58,7 @@ def build_plant(model: RobotModel) -> Plant:
                 effect.install(plant, joint, {coefficient.name: stated[joint]})
     for entry in model.effects:
         listed = load_effect(entry.effect)
-        if entry.parameters or not listed.given_by:
+        if entry.parameters or listed not in STATED_BY_DRIVE:
             listed.install(plant, model.joints.index(entry.joint), entry.parameters)
     return plant
 

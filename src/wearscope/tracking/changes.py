@@ -21,6 +21,9 @@ PLACE, BODY = "place", "body"
 #: Odds [nats] against each effect relative to the one before, in the vocabulary's order of changes; odds
 #: against a part that must be mounted.
 _RARER, _MOUNTED = 0.3, 2.0
+#: Speed over which friction that wear adds at low speed decays, as a share of the joint's top speed; it is
+#: used as long as data do not show the value.
+_BUMP = 0.05
 #: Number of a body's parameters without its inertia.
 _STATIC = 4
 
@@ -131,10 +134,10 @@ def list_changes(structure: "Structure", mean: np.ndarray) -> list[Change]:
         for place, effect in enumerate(session_effects()):
             if effect.per_robot or effect.corrects in present:
                 continue
-            shape = effect.change_shape
-            drawn = None if shape is None else shape(float(structure.frame.top_speed[joint])).tolist()
-            rare = _RARER * place + _MOUNTED * (effect.mounted and effect.name not in present)
-            change = Change(effect.name, joint, (plain_term(effect, joint, drawn),), _find_kind(effect), rare)
+            slow = _BUMP * float(structure.frame.top_speed[joint])
+            shape = [slow if p.estimated and p.unit == "{position}/s" else p.default for p in effect.shape]
+            rare = _RARER * place + _MOUNTED * (effect.is_by_position and effect.name not in present)
+            change = Change(effect.name, joint, (plain_term(effect, joint, shape),), _find_kind(effect), rare)
             found[change.key] = change
         for entry, _ in own:
             if not entry.effect.spread and not entry.effect.is_thermal:

@@ -11,7 +11,7 @@ from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.prediction import find_operating_point
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import reduce_columns
-from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect
+from wearscope.effects.base import Effect, MeasurementEffect, Signals, TransmissionEffect, WaveEffect
 
 #: Number of start shapes that represent all shapes of a name.
 _SHAPES = 9
@@ -264,7 +264,7 @@ def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray
 
 def spread_shapes(effect: Effect, shapes: np.ndarray) -> np.ndarray:
     """Shapes (S, k), and those around them that a refinement may reach, within their bounds."""
-    if effect.periodic:  # a wavenumber is known far more precisely than these factors
+    if isinstance(effect, WaveEffect):  # a wavenumber is known far more precisely than these factors
         return shapes
     for factors, k in zip(_REFINED, effect.estimated_shapes(), strict=False):
         parameter = effect.shape[k]

@@ -8,6 +8,7 @@ from wearscope.closed_loop.inference.detection_limits import LARGE, say_limit
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.effects.effect import PAYLOAD, SLOW_MOTION, TEMPERATURE
+from wearscope.effects.temperature_dependent_friction import varies
 
 #: A Stribeck effect acts below this share of the largest speed.
 _SLOW = 0.05
@@ -40,8 +41,10 @@ def find_undetermined(problem: Problem, limits: Sequence[Mapping[str, float]]) -
                 continue
             motion = effect.motion_for(prepared.n)
             if not effect.is_usable(problem.joined, j):
-                if effect.lacking:
-                    records.append(_record(joint, effect.name, effect.lacking, motion))
+                reason = "the runs do not hold the signals that it needs"
+                if "temp_{joint}" in effect.depends_on and not varies(problem.joined, j):
+                    reason = "its temperature is not recorded, or hardly changes"
+                records.append(_record(joint, effect.name, reason, motion))
             elif (limit := limits[j].get(effect.name, 0.0)) > LARGE:
                 share = f"below {say_limit(limit)} of the joint's torque"
                 reason = f"it gets no name {share if np.isfinite(limit) else 'of any size'} on these runs"

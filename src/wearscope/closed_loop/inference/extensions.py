@@ -10,7 +10,7 @@ from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
 from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import Candidate
-from wearscope.effects.base import Effect, MeasurementEffect
+from wearscope.effects.base import Effect, MeasurementEffect, WaveEffect
 
 #: Largest ratio (RMS) to which columns of one term may cancel each other, or other terms' torque.
 _CANCELS = 12.0
@@ -73,7 +73,7 @@ def list_candidates(
                 continue
             if isinstance(effect, MeasurementEffect):
                 candidate: Candidate | None = problem.measurement_candidate(effect, joint, fit)
-            elif effect.periodic:
+            elif isinstance(effect, WaveEffect) and effect.shape:
                 candidate = problem.periodic_candidate(effect, joint, fit.leave(joint))
             else:
                 candidate = problem.candidate(effect, joint)
@@ -155,7 +155,7 @@ def _refuse(problem: Problem, term: Term, beta: np.ndarray, own: np.ndarray) -> 
     values = (*beta.tolist(), *made.shape)
     if not all(low <= x <= high for x, (low, high) in zip(values, problem.bounds(made), strict=True)):
         return UNBELIEVABLE
-    if abs(float(beta[0])) < problem.least(made):
+    if abs(float(beta[0])) < made.effect.least_size(problem.joined):
         return "smaller than can be believed"
     parts, power = np.maximum(np.diag(own), 0.0) * beta**2, max(float(beta @ own @ beta), 1e-300)
     free = term.candidate.penalty is None

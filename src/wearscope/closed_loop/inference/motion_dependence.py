@@ -24,7 +24,7 @@ from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals, pick_rows, thin_signals
 from wearscope.closed_loop.model.regression import penalise
 from wearscope.effects.base import Signals
-from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen, name_signals
+from wearscope.effects.unknown import COARSE, LEVELS, PRODUCT, SLOW, coarsen
 from wearscope.effects.vocabulary import empirical_effect
 
 #: Largest and smallest number of rows of a joint that are tested.
@@ -149,7 +149,7 @@ def _list_splines(problem: Problem, joint: int, every: int) -> Iterator[_Spline]
         named = shape.copy()
         named[-1] = finest = PRODUCT if shape[5] >= 0 else COARSE
         x = effect.columns(signals, joint, named)[:, :finest]
-        names = name_signals(named, joints, joint)
+        names = effect.name_signals(named, joints, joint)
         yield _Spline(names, False, x, penalise(x))
         if finest == COARSE:
             coarse = x @ coarsen(finest, LEVELS[0])

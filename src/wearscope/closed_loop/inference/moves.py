@@ -21,6 +21,7 @@ from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.terms import make_candidate
+from wearscope.effects.vocabulary import TITLES
 
 #: Number of extensions scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
@@ -111,7 +112,7 @@ class Moves:
 
     def name(self, term: Term) -> str:
         """A term in words, with its joint."""
-        what = term.effect.title or term.effect.name.replace("_", " ")
+        what = TITLES.get(term.effect.name, term.effect.name.replace("_", " "))
         joint = self.splines.prepared.dataset.joints[term.joint]
         return f"{what} of the whole robot" if term.effect.per_robot else f"{what} at {joint}"
 
@@ -405,7 +406,7 @@ def refine_shape(given: Model, term: Term) -> Term:
     term : Term
     """
     effect, joint, problem = term.effect, term.joint, given.problem
-    if effect.search is None or effect.name_driver is not None or effect.empirical:
+    if effect.search is None or effect.selects_signals or effect.empirical:
         return term
     grid = effect.shapes(problem.joined, joint)
     first = effect.estimated_shapes()

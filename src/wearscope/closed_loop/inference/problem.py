@@ -266,21 +266,12 @@ class Problem:
             bounds[0] = min(bounds[0][0], noted), max(bounds[0][1], noted)
         return bounds
 
-    def least(self, term: ModelTerm) -> float:
-        """Smallest believable size of a term's first coefficient."""
-        return term.effect.least_size(self.joined)
-
-    def resembles_any(self, term: ModelTerm) -> bool:
-        """Whether a term's shape may follow any function of its signals."""
-        resembles = term.effect.resembles_any
-        return resembles is not None and resembles(self.joined, term.joint, term.shape)
-
 
 def _keeps(made: Candidate | None, joint: int, same: set[int]) -> bool:
     """Whether a candidate at a joint stays the same where only the joints of `same` keep their reversals."""
     if made is not None and not made.effect.follows_direction:
         return True
-    alone = made is None or (len(made.joints) == 1 and made.effect.name_driver is None)
+    alone = made is None or (len(made.joints) == 1 and not made.effect.selects_signals)
     return alone and joint in same
 
 

@@ -22,6 +22,7 @@ from wearscope.closed_loop.inference.layout import Layout
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.term import Term
+from wearscope.effects.base import WaveEffect
 
 #: Nats by which a name must raise the score, on top of its prior odds; prior odds for what every drive has.
 SURELY = 1.0
@@ -195,7 +196,7 @@ class Score:
         odds += float(np.log(max(term.alternatives, 1.0)))
         if effect.empirical:
             return odds + policy.unknown_odds
-        return odds + (2.0 * policy.unknown_odds if effect.name_driver and self.recordings < 2 else 0.0)
+        return odds + (2.0 * policy.unknown_odds if effect.selects_signals and self.recordings < 2 else 0.0)
 
     def find_odds(self, model: Model, term: Term) -> float:
         """Prior odds against a model's term, those of a drift in its place included, in nats."""
@@ -248,7 +249,7 @@ def _resembles_drift(fit: Fit, term: Term) -> float:
 def _poses_as_balancer(model: Model, term: Term) -> bool:
     """Whether a spring takes gravity's load off its joint, for which balancers are built."""
     effect = term.effect
-    if effect.opposes_gravity or effect.periodic or set(effect.depends_on) != {"q_{joint}"}:
+    if isinstance(effect, WaveEffect) or not effect.is_by_position:
         return False
     gravity = model.problem.gravity(term.joint)
     torque = term.at_joint(term.joint) @ model.fit.coefficients(term)

@@ -27,7 +27,7 @@ _ROUGHLY, _MOST = 0.6, 4
 #: Numbers of hat functions of a spline of the past. A line has 2; it alone carries over to runs whose joint
 #: reverses at other places.
 _PAST = (2, LEVELS[0])
-PAST = replace(empirical_effect(), name="past", title="what the motion has been", name_driver=None)
+PAST = replace(empirical_effect(), name="what_the_motion_has_been", depends_on=())
 """What a joint's torque owes to its past; never named, since no model holds it."""
 
 
