@@ -147,6 +147,14 @@ class RigidBody:
         out = np.ascontiguousarray(torque.T).reshape(q.shape)
         return out if self._in_order else out[:, self._order]
 
+    @property
+    def reach(self) -> float:
+        """Sum of the links' lengths [m]; the last link is at least twice as long as to its centre of mass."""
+        lengths = np.linalg.norm(np.diff(self.joint_origins(np.zeros(self.n))[0, 1:], axis=0), axis=1)
+        mass, *moment = self.inertial_parameters[-10:-6]
+        lengths[-1] = max(lengths[-1], 2.0 * float(np.linalg.norm(moment)) / max(mass, 1e-9))
+        return float(lengths.sum())
+
     def joint_origins(self, q: ArrayLike) -> Array:
         """Return the positions of the joints (forward kinematics).
 

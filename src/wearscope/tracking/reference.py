@@ -157,15 +157,11 @@ def identify_reference(
     plain = [Evidence(structure, (), h.belief, payload_prior, m) for h, m in zip(healthy, rows, strict=True)]
     scatter = measure_scatter(structure, plain, rows)
     body = made[0].signals.rigid_body
-    origins = body.joint_origins(np.zeros((1, structure.n)))[0]
     parameters = body.inertial_parameters.reshape(-1, 10)
     centres = parameters[:, 1:4] / np.maximum(parameters[:, :1], 1e-9)
-    # A body may lie twice as far from the last joint as the last link's centre of mass.
-    links = np.linalg.norm(np.diff(origins[1 : structure.n + 1], axis=0), axis=1)
-    far = max(np.linalg.norm(origins[-1] - origins[-2]), 2.0 * np.linalg.norm(centres[-1]))
     reference = Reference(
         sessions.reference, structure, belief, payload_prior, scatter, np.zeros(structure.n),
-        np.zeros((structure.n, 0)), float(links.sum() + far) + _BEYOND,
+        np.zeros((structure.n, 0)), body.reach + _BEYOND,
         centres, scattering,
         make_healthy_model(diagnosis, model, structure, belief),
     )  # fmt: skip

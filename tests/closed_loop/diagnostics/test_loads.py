@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from changed_fields import changed_fields
 from folders import fit_problem
+from recorded_chain import Bench, torque_of
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.loads import tell_loads
@@ -101,6 +102,20 @@ def test_a_payload_is_told_where_a_machine_can_carry_it(record, carry, stated, m
     if told:
         mass = float(re.search(r"payload of (\S+) kg", notes[0])[1])
         assert mass == pytest.approx(more + 3.0 * (not stated), rel=0.05)
+
+
+def test_a_payload_of_unknown_mass_is_told_by_its_moments(tmp_path):
+    """A hinge shows a body's moments: 0.6 kg at 0.2 m along x and 0.1 m along z."""
+
+    def torque(q, v, a, rng, t):
+        added = 0.6 * (9.81 * (0.2 * np.cos(q) - 0.1 * np.sin(q)) + 0.05 * a)
+        return torque_of(1.2, 0.2, 0.05, noise=0.02)(q, v, a, rng, t) + added
+
+    bench = Bench(tmp_path, 1, size=0.8, rate=100.0, seconds=8.0, runs=4, frequencies=(0.2, 0.5, 0.9))
+    bench.record(torque).accept()
+    (note,) = [note for note in diagnose(tmp_path / "d").verdict["notes"] if note.startswith(LOAD)]
+    moments = re.search(r"unknown mass, with moments of (\S+), (\S+), (\S+) kg m about the frame of j1", note)
+    assert [float(m) for m in moments.groups()] == pytest.approx([0.12, 0.0, 0.06], abs=0.01)
 
 
 def test_friction_by_another_load_than_the_model_s_says_so(record, carry):

@@ -7,7 +7,6 @@ import numpy as np
 from scipy import stats
 
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.closed_loop.intake.traits.dictionary import scale_payload
 from wearscope.closed_loop.model.estimation import estimate
 from wearscope.closed_loop.model.loads import find_other_loads
 from wearscope.closed_loop.model.prediction import Predicted, find_signals, refit
@@ -136,19 +135,28 @@ def tell_payload(after: Regression) -> list[str]:
     share = (as_stated - by_payload) / max(as_stated - by_masses, 1e-300)
     found = estimate(carried)[-1]
     low, high = found.intervals["mass"]
-    moment = np.array([found.values[f"moment_{axis}"] for axis in "xyz"])
+    axes = [f"moment_{axis}" for axis in "xyz"]
+    moment, ends = (np.array([own[axis] for axis in axes]) for own in (found.values, found.intervals))
     bodies = [run.signals.rigid_body for run in runs]
-    carries, reach = any(body.payload for body in bodies), scale_payload(bodies[0])[1]
+    carries, reach = any(body.payload for body in bodies), bodies[0].reach
+    # The mass is unknown where the motions do not tell it from inertia that the drives or masses may have.
+    weighed = not low <= 0.0 <= high
+    heaviest = abs(found.values["mass"]) if weighed else max(-low, high)
     # No machine carries less than nothing, nor anything further away than the robot reaches.
     less = high < 0.0 and not carries
-    impossible = less or np.linalg.norm(moment) > reach * abs(found.values["mass"])
-    if share < _ALIKE or low <= 0.0 <= high or impossible:
+    impossible = less or np.linalg.norm(moment) > reach * heaviest
+    if share < _ALIKE or impossible or not (weighed or np.any(ends[:, 0] * ends[:, 1] > 0.0)):
         return []
+    told = (
+        f"{found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
+        if weighed
+        else f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in moment)} kg m about the frame "
+        f"of {prepared.dataset.joints[-1]}"
+    )
     return [
-        f"The refitted masses act as a payload of {found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} "
-        "where the URDF's masses are right) "
-        f"in addition to the stated one: it removes {100 * share:.0f} % of the error that they remove. State "
-        "it, if the machine carries it; otherwise the last links are that much heavier or lighter."
+        f"The refitted masses act as a payload of {told} in addition to the stated one: it removes "
+        f"{100 * share:.0f} % of the error that they remove. State it, if the machine carries it; otherwise "
+        "the last links are that much heavier or lighter."
     ]
 
 
