@@ -80,7 +80,7 @@ def make_urdf(n):
         moment = mass * arm**2 / 6
         axis, centre = f"0 {k % 2} {1 - k % 2}", f"0.02 0 {arm / 2}"
         rows.append((f"j{k}", f"0 0 {arm}", axis, f"l{k}", mass, centre, (moment, moment, moment / 2)))
-    return write_chain("chain", "l0", "revolute", rows)
+    return write_chain("chain", "l0", rows)
 
 
 def make_long_runs(place, runs, seconds, rate, n):

@@ -28,10 +28,7 @@ from benchmarks.board.outside import OUTSIDE
 from benchmarks.board.recipe import Planted, Recipe, RunPlan
 from benchmarks.board.regimes import ONE_JOINT
 from benchmarks.command import start_parser, write_heads, write_row
-from benchmarks.outside.drawn import _HEAVY as HEAVY
-from benchmarks.outside.drawn import _ONE as ONE
-from benchmarks.outside.drawn import _PAYLOAD as PAYLOAD
-from benchmarks.outside.drawn import _SIZES as SIZES
+from benchmarks.outside.drawn import HEAVY, ONE, PAYLOAD, SIZES
 from benchmarks.outside.forms import OUTSIDERS
 from benchmarks.outside.planted import Case, Plant
 from benchmarks.recorded import Recorded

@@ -10,6 +10,7 @@ although each effect planted there is named and none is outside the vocabulary. 
 """
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,15 @@ SHARED_PARAMETERS: dict[str, dict[str, tuple[str, ...]]] = {
 Conventions: recorded torque = (1 + gain) x true torque; a positive delay means that the torque channel lags
 the positions; mass is true minus declared; half_difference is added forwards and taken away backwards.
 """
+
+
+def start_entry(effect: str, joint: str, joints: Sequence[str], standard: bool) -> dict[str, Any]:
+    """Planted effect of a truth, as both generators describe one, before it is known how clear it is."""
+    return {
+        "effect": effect, "accepted": [effect], "also_accepted": [], "contains": [], "outside": False,
+        "standard": standard, "joint": joint, "joints": list(joints), "rivals": {}, "parameters": {},
+    }  # fmt: skip
+
 
 TIMES = 2.0
 """Multiple of the just findable size from which on an effect must be named."""

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from benchmarks.board.machines import write_chain
 from benchmarks.board.published import ARMS
 from wearscope.demonstration.motions import Machine
 from wearscope.errors import InputError
@@ -31,21 +32,13 @@ class _Link:
 
 
 def _write_urdf(links: list[_Link]) -> str:
-    out = '<?xml version="1.0"?>\n<robot name="machine">\n  <link name="l0"/>\n'
+    rows = []
     for number, link in enumerate(links, start=1):
-        x, y, z = link.mass * link.gyration**2
+        com, offset = (" ".join(f"{c:.5g}" for c in place) for place in (link.centre, link.offset))
+        mass, *inertias = (f"{x:.6g}" for x in (link.mass, *(link.mass * link.gyration**2)))
         kind = "prismatic" if link.prismatic else "revolute"
-        com = " ".join(f"{c:.5g}" for c in link.centre)
-        offset = " ".join(f"{c:.5g}" for c in link.offset)
-        out += (
-            f'  <link name="l{number}"><inertial><origin xyz="{com}" rpy="0 0 0"/>'
-            f'<mass value="{link.mass:.6g}"/><inertia ixx="{x:.6g}" iyy="{y:.6g}" izz="{z:.6g}" '
-            'ixy="0" ixz="0" iyz="0"/></inertial></link>\n'
-            f'  <joint name="j{number}" type="{kind}"><parent link="l{number - 1}"/><child link="l{number}"/>'
-            f'<origin xyz="{offset}" rpy="0 0 0"/><axis xyz="{link.axis}"/>'
-            '<limit lower="-6.3" upper="6.3" effort="20000" velocity="10"/></joint>\n'
-        )
-    return out + "</robot>\n"
+        rows.append((f"j{number}", offset, link.axis, f"l{number}", mass, com, inertias, kind))
+    return write_chain("machine", "l0", rows)
 
 
 def _consistent_gyration(length: float, rng: np.random.Generator) -> Array:

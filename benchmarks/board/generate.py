@@ -29,6 +29,7 @@ from benchmarks.board.position_loop import react
 from benchmarks.board.recipe import Planted, Recipe, RunPlan, make_stream
 from benchmarks.board.terms import Term
 from benchmarks.board.truth import CONTAINED, accepted_names
+from benchmarks.scoring import start_entry
 from wearscope.errors import InputError
 
 Array = NDArray[np.float64]
@@ -344,38 +345,30 @@ def _separate_training(
 def _describe(
     plant: Planted, made: Term | Structural, amplitude: float, joint: int, machine: Machine
 ) -> dict[str, Any]:
-    if isinstance(made, Term):
-        parameters, form, extra = made.parameters(amplitude), made.form, made.extra
-    else:
-        parameters, form, extra = made.parameters(amplitude, machine), made.kind, dict(made.detail)
+    form, extra = (made.form, made.extra) if isinstance(made, Term) else (made.kind, dict(made.detail))
+    units = {"tau": machine.torque_unit(made.joint), "pos": machine.position_unit(made.joint)}
     accept = extra.get("accept", [])
     assert isinstance(accept, list)
-    entry = _start_entry(plant.effect, machine) | {
+    joints = machine.joints if plant.effect in WIDE else [machine.joints[joint]]
+    return start_entry(plant.effect, machine.joints[joint], joints, plant.amplitude is not None) | {
         "accepted": list(accepted_names(plant.effect)),
         "also_accepted": accept,
         "contains": list(CONTAINED.get(plant.effect, ())),
         "outside": plant.effect in OUTSIDE,
-        "standard": plant.amplitude is not None,
-        "joint": machine.joints[joint],
         "size": plant.size,
         "form": form,
-        "parameters": {key: {"value": value, "unit": unit} for key, (value, unit) in parameters.items()},
+        "parameters": {
+            key: {"value": value, "unit": unit.format(**units)}
+            for key, (value, unit) in made.parameters(amplitude).items()
+        },
         "extra": {key: value for key, value in extra.items() if key != "accept"},
     }
-    return entry if plant.effect in WIDE else entry | {"joints": [machine.joints[joint]]}
-
-
-def _start_entry(effect: str, machine: Machine) -> dict[str, Any]:
-    return {
-        "effect": effect, "accepted": [effect], "also_accepted": [], "contains": [], "outside": False,
-        "standard": True, "joint": machine.joints[0], "joints": list(machine.joints), "size": np.nan,
-        "form": "inverse dynamics", "parameters": {}, "extra": {},
-    }  # fmt: skip
 
 
 def _describe_rigid_body(machine: Machine) -> dict[str, Any]:
     """Entry of a rigid body that nobody declared; a slide's and a single upright axis's is an inertia."""
     alike = ["rotor_inertia", "rotor_inertia_error"] if len(machine.joints) == 1 else []
-    return _start_entry("rigid_body", machine) | {
-        "also_accepted": [*alike, "inertial_error", "payload_error"]
-    }
+    return start_entry("rigid_body", machine.joints[0], machine.joints, True) | {
+        "also_accepted": [*alike, "inertial_error", "payload_error"], "size": np.nan,
+        "form": "inverse dynamics", "extra": {},
+    }  # fmt: skip

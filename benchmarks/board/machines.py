@@ -1,6 +1,6 @@
 """The board's own machines: URDF texts, drive trains and limits, written apart from `wearscope.robots`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -55,14 +55,18 @@ class Body:
         return np.ascontiguousarray(torque.reshape(q.shape[1], len(q)).T)
 
 
-def write_chain(name: str, base: str, kind: str, rows: tuple[tuple, ...]) -> str:
-    """URDF text of a chain; a row is a joint, its place and axis, its link, mass, centre and inertias."""
+def write_chain(name: str, base: str, rows: Iterable[tuple], kind: str = "revolute") -> str:
+    """URDF text of a chain; a row is a joint, its place and axis, its link, mass, centre and inertias.
+
+    A joint's `kind` may end its row.
+    """
     parts, parent = [f'<?xml version="1.0"?>\n<robot name="{name}">\n  <link name="{base}"/>\n'], base
-    for joint, place, axis, link, mass, centre, (x, y, z) in rows:
+    for joint, place, axis, link, mass, centre, (x, y, z), *own in rows:
+        (moves,) = own or [kind]
         parts.append(
             f'  <link name="{link}"><inertial><origin xyz="{centre}" rpy="0 0 0"/><mass value="{mass}"/>'
             f'<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>\n'
-            f'  <joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{link}"/>'
+            f'  <joint name="{joint}" type="{moves}"><parent link="{parent}"/><child link="{link}"/>'
             f'<origin xyz="{place}" rpy="0 0 0"/><axis xyz="{axis}"/>'
             '<limit lower="-6.3" upper="6.3" effort="20000" velocity="10"/></joint>\n'
         )
@@ -89,7 +93,7 @@ _STAGE = (("slide", "0 0 0.3", "1 0 0", "carriage", 62.0, "0 0 0.05", (0.8, 0.9,
 def _list_machines() -> Iterator[Machine]:
     yield Machine(
         name="arm6",
-        urdf=write_chain("arm6", "base", "revolute", _ARM6),
+        urdf=write_chain("arm6", "base", _ARM6),
         joints=("j1", "j2", "j3", "j4", "j5", "j6"),
         prismatic=(False,) * 6,
         rotor_inertia=(19.0, 31.0, 11.0, 1.4, 1.1, 0.5),
@@ -105,7 +109,7 @@ def _list_machines() -> Iterator[Machine]:
     )
     yield Machine(
         name="arm3",
-        urdf=write_chain("arm3", "base", "revolute", _ARM3),
+        urdf=write_chain("arm3", "base", _ARM3),
         joints=("waist", "shoulder", "elbow"),
         prismatic=(False,) * 3,
         rotor_inertia=(1.9, 2.3, 0.8),
@@ -121,7 +125,7 @@ def _list_machines() -> Iterator[Machine]:
     )
     yield Machine(
         name="stage",
-        urdf=write_chain("stage", "bed", "prismatic", _STAGE),
+        urdf=write_chain("stage", "bed", _STAGE, "prismatic"),
         joints=("slide",),
         prismatic=(True,),
         rotor_inertia=(38.0,),

@@ -37,24 +37,19 @@ class Structural:
     joint: int
     detail: dict[str, float] = field(default_factory=dict)
 
-    def parameters(self, amplitude: float, machine: Machine) -> dict[str, tuple[float, str]]:
-        """Planted parameters as ``name: (value, unit)``."""
-        tau, pos = machine.torque_unit(self.joint), machine.position_unit(self.joint)
+    def parameters(self, amplitude: float) -> dict[str, tuple[float, str]]:
+        """Planted parameters as ``name: (value, unit)``, with units as those of a `Term`."""
         if self.kind == "payload_error":
             return {"mass": (amplitude, "kg"), "com_shift_x": (self.detail["shift"] * amplitude, "m")}
         if self.kind == "inertial_error":
-            link = int(self.detail["link"])
-            return {f"mass_factor_link{link + 1}": (1.0 + amplitude, "1")}
+            return {f"mass_factor_link{int(self.detail['link']) + 1}": (1.0 + amplitude, "1")}
         if self.kind == "joint_elasticity":
-            return {
-                "stiffness": (1.0 / amplitude, f"{tau}/{pos}"),
-                "compliance": (amplitude, f"{pos}/({tau})"),
-            }
-        if self.kind == "backlash":
-            return {"gap": (amplitude, pos)}
-        if self.kind == "torque_constant_error":
-            return {"gain": (amplitude, "1")}
-        return {"delay": (amplitude, "s")}
+            stiffness = 1.0 / amplitude, "{tau}/{pos}"
+            return {"stiffness": stiffness, "compliance": (amplitude, "{pos}/({tau})")}
+        name, unit = {"backlash": ("gap", "{pos}"), "time_delay": ("delay", "s")}.get(
+            self.kind, ("gain", "1")
+        )
+        return {name: (amplitude, unit)}
 
 
 @dataclass(frozen=True)

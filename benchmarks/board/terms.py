@@ -37,18 +37,21 @@ class Signals:
         return np.tanh(self.v[:, j] / self.grain[j])
 
 
+Parameters = Callable[[float], dict[str, tuple[float, str]]]
+
+
 @dataclass(frozen=True)
 class Term:
     """An additive effect on joint `joint` (index): torque = amplitude x shape(signals).
 
     `form` names the formula in words; `parameters(amplitude)` gives the planted parameters as ``name: (value,
-    unit)``; `sign` is the amplitude's.
+    unit)``, with ``{tau}`` and ``{pos}`` for the joint's units; `sign` is the amplitude's.
     """
 
     joint: int
     shape: Callable[[Signals], Array]
     form: str
-    parameters: Callable[[float], dict[str, tuple[float, str]]] = lambda amplitude: {}
+    parameters: Parameters = lambda amplitude: {}
     sign: float = 1.0
     extra: dict[str, object] = field(default_factory=dict)
 
@@ -62,10 +65,6 @@ def named(builder: Builder) -> Builder:
     return NAMED.setdefault(builder.__name__, builder)
 
 
-def _units(m: Machine, j: int) -> tuple[str, str]:
-    return m.torque_unit(j), m.position_unit(j)
-
-
 def _toss(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
@@ -74,11 +73,7 @@ def _toss(rng: np.random.Generator) -> float:
 def stribeck(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Extra friction near zero speed: Gaussian (exponent 2) or Hess-Soom (rational) decay."""
     width = float(rng.uniform(0.05, 0.12)) * m.speed[j]
-    tau, pos = _units(m, j)
-
-    def parameters(x: float) -> dict[str, tuple[float, str]]:
-        return {"level": (x, tau), "speed": (width, f"{pos}/s")}
-
+    parameters: Parameters = lambda x: {"level": (x, "{tau}"), "speed": (width, "{pos}/s")}  # noqa: E731
     if rng.uniform() < 0.5:
         form = "exp(-(v/vs)^2) sign(v)"
         return Term(j, lambda s: np.exp(-((s.v[:, j] / width) ** 2)) * s.sign(j), form, parameters)
@@ -89,44 +84,39 @@ def stribeck(m: Machine, j: int, rng: np.random.Generator) -> Term:
 @named
 def coulomb_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb level higher by `amplitude` forwards and lower by it backwards; nothing at rest."""
-    tau, _ = _units(m, j)
     return Term(
-        j, lambda s: s.sign(j) ** 2, "tanh(v/w)^2", lambda x: {"half_difference": (x, tau)}, _toss(rng)
+        j, lambda s: s.sign(j) ** 2, "tanh(v/w)^2", lambda x: {"half_difference": (x, "{tau}")}, _toss(rng)
     )
 
 
 @named
 def viscous_asymmetry(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous slope higher forwards and lower backwards by `amplitude`."""
-    tau, pos = _units(m, j)
-
-    def parameters(x: float) -> dict[str, tuple[float, str]]:
-        return {"half_difference": (x, f"{tau} s/{pos}")}
-
-    return Term(j, lambda s: s.v[:, j] * s.sign(j), "v tanh(v/w)", parameters, _toss(rng))
+    return Term(
+        j, lambda s: s.v[:, j] * s.sign(j), "v tanh(v/w)",
+        lambda x: {"half_difference": (x, "{tau} s/{pos}")}, _toss(rng),
+    )  # fmt: skip
 
 
 @named
 def quadratic_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Churning loss."""
-    tau, pos = _units(m, j)
     knee = float(rng.uniform(0.02, 0.1)) * m.speed[j]
 
     def shape(s: Signals) -> Array:
         return s.v[:, j] * np.sqrt(s.v[:, j] ** 2 + knee**2)
 
-    return Term(j, shape, "v sqrt(v^2 + c^2)", lambda x: {"slope": (x, f"{tau} s^2/{pos}^2")})
+    return Term(j, shape, "v sqrt(v^2 + c^2)", lambda x: {"slope": (x, "{tau} s^2/{pos}^2")})
 
 
 @named
 def concave_viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Shear-thinning grease: a logarithm, or a power of a softened speed."""
-    tau, _ = _units(m, j)
     v0 = float(rng.uniform(0.02, 0.06)) * m.speed[j]
     if rng.uniform() < 0.5:
         form = "log(1 + |v|/v0) sign(v)"
         return Term(
-            j, lambda s: np.log1p(np.abs(s.v[:, j]) / v0) * s.sign(j), form, lambda x: {"level": (x, tau)}
+            j, lambda s: np.log1p(np.abs(s.v[:, j]) / v0) * s.sign(j), form, lambda x: {"level": (x, "{tau}")}
         )
     power = float(rng.uniform(0.3, 0.55))
 
@@ -177,7 +167,6 @@ def warm_up_drift(m: Machine, j: int, rng: np.random.Generator) -> Term:
 @named
 def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Maxwell slip: three stick-slip springs in parallel, breaking loose one after another."""
-    tau, pos = _units(m, j)
     slip = float(rng.uniform(0.015, 0.035)) * m.reach[j]
 
     def shape(s: Signals) -> Array:
@@ -186,7 +175,9 @@ def presliding_hysteresis(m: Machine, j: int, rng: np.random.Generator) -> Term:
             total += weight * slip_spring(s.q[:, j], limit)
         return total
 
-    return Term(j, shape, "three Maxwell-slip elements", lambda x: {"level": (x, tau), "slip": (slip, pos)})
+    return Term(
+        j, shape, "three Maxwell-slip elements", lambda x: {"level": (x, "{tau}"), "slip": (slip, "{pos}")}
+    )
 
 
 def slip_spring(q: Array, limit: float) -> Array:
@@ -207,32 +198,28 @@ def _slip(steps: Array, limit: float) -> Array:
 @named
 def torque_ripple(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Ripple periodic in position, with a second harmonic."""
-    tau, pos = _units(m, j)
     order = m.gear_ratio[j] if m.prismatic[j] else float(rng.integers(9, 40))
     phase, phase2 = rng.uniform(0, 2 * np.pi, 2)
-    unit = f"1/{pos}" if m.prismatic[j] else "1"
+    unit = "1/{pos}" if m.prismatic[j] else "1"
 
     def shape(s: Signals) -> Array:
         return np.sin(order * s.q[:, j] + phase) + 0.25 * np.sin(2 * order * s.q[:, j] + phase2)
 
     form = "sin(k q + p1) + 0.25 sin(2 k q + p2)"
-    return Term(j, shape, form, lambda x: {"amplitude": (x, tau), "order": (order, unit)})
+    return Term(j, shape, form, lambda x: {"amplitude": (x, "{tau}"), "order": (order, unit)})
 
 
 @named
 def joint_spring(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Hose package: a spring about a rest position, stiffening slightly away from it."""
-    tau, pos = _units(m, j)
     rest = m.centre[j] + float(rng.uniform(-0.5, 0.5)) * m.reach[j]
 
     def shape(s: Signals) -> Array:
         x = s.q[:, j] - rest
         return x * (1 + 0.06 * (x / m.reach[j]) ** 2)
 
-    def parameters(x: float) -> dict[str, tuple[float, str]]:
-        return {"stiffness": (x, f"{tau}/{pos}"), "rest": (rest, pos)}
-
-    return Term(j, shape, "k x (1 + 0.06 (x/reach)^2), x = q - q0", parameters)
+    form = "k x (1 + 0.06 (x/reach)^2), x = q - q0"
+    return Term(j, shape, form, lambda x: {"stiffness": (x, "{tau}/{pos}"), "rest": (rest, "{pos}")})
 
 
 @named
@@ -279,26 +266,23 @@ def cross_coupling(m: Machine, j: int, rng: np.random.Generator) -> Term:
 @named
 def torque_offset(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """A constant."""
-    tau, _ = _units(m, j)
-    return Term(j, lambda s: np.ones(len(s.t)), "constant", lambda x: {"offset": (x, tau)}, _toss(rng))
+    return Term(j, lambda s: np.ones(len(s.t)), "constant", lambda x: {"offset": (x, "{tau}")}, _toss(rng))
 
 
 @named
 def coulomb(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Coulomb friction that the model does not have at all."""
-    tau, _ = _units(m, j)
 
     def shape(s: Signals) -> Array:
         return s.v[:, j] / np.sqrt(s.v[:, j] ** 2 + s.grain[j] ** 2)
 
-    return Term(j, shape, "v / sqrt(v^2 + w^2)", lambda x: {"level": (x, tau)})
+    return Term(j, shape, "v / sqrt(v^2 + w^2)", lambda x: {"level": (x, "{tau}")})
 
 
 @named
 def viscous(m: Machine, j: int, rng: np.random.Generator) -> Term:
     """Viscous friction that the model does not have at all."""
-    tau, pos = _units(m, j)
-    return Term(j, lambda s: s.v[:, j], "Fv v", lambda x: {"slope": (x, f"{tau} s/{pos}")})
+    return Term(j, lambda s: s.v[:, j], "Fv v", lambda x: {"slope": (x, "{tau} s/{pos}")})
 
 
 NAMED["rotor_inertia"] = rotor_inertia_error

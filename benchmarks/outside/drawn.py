@@ -9,7 +9,7 @@ from benchmarks.outside.planted import PLAIN, Case, Plant
 _BODY = ("rigid_body",)
 _LAW = ("rigid_body", "rotor_inertia", "friction_wear_temperature")
 #: Sizes from which a structural plant is drawn.
-_SIZES = {
+SIZES = {
     "joint_elasticity": (6.0, 11.0),
     "backlash": (2.0, 6.0),
     "presliding_hysteresis": (0.008, 0.03),
@@ -18,13 +18,13 @@ _SIZES = {
     "torque_constant_error": (0.05, 0.1),
     "time_delay": (5.0, 15.0),
 }
-_PAYLOAD = {"puma560": 1.0, "ur5": 1.2, "ur10": 2.8, "panda": 0.9, "iiwa14": 2.8, "manutec": 7.0, "tx40": 0.9,
+PAYLOAD = {"puma560": 1.0, "ur5": 1.2, "ur10": 2.8, "panda": 0.9, "iiwa14": 2.8, "manutec": 7.0, "tx40": 0.9,
             "scara": 0.8, "planar": 0.6}  # fmt: skip
 #: Joints that carry much of the arm's weight.
-_HEAVY = {"puma560": (1, 2), "ur5": (1, 2), "ur10": (1, 2), "panda": (1, 3), "iiwa14": (1,), "manutec": (1,
+HEAVY = {"puma560": (1, 2), "ur5": (1, 2), "ur10": (1, 2), "panda": (1, 3), "iiwa14": (1,), "manutec": (1,
 2),
           "tx40": (1, 2), "scara": (2,), "planar": (0, 1)}  # fmt: skip
-_ONE = ("stribeck", "coulomb_asymmetry", "viscous_asymmetry", "quadratic_viscous", "concave_viscous",
+ONE = ("stribeck", "coulomb_asymmetry", "viscous_asymmetry", "quadratic_viscous", "concave_viscous",
         "load_dependent_friction", "temperature_dependent_friction", "warm_up_drift", "presliding_hysteresis",
         "backlash", "joint_elasticity", "torque_ripple", "joint_spring", "gravity_counterbalance",
         "payload_error", "rotor_inertia_error", "torque_constant_error", "time_delay", "cross_coupling",
@@ -81,12 +81,12 @@ def _draw_regime(rng, kind):
 
 
 def _draw_plants(rng, arm, n, kind, regime):
-    heavy = _HEAVY[arm]
+    heavy = HEAVY[arm]
     if kind == "null":
         return ()
     if kind == "outsider":
         return (Plant(str(rng.choice(list(OUTSIDERS))), int(rng.choice(heavy)), float(rng.uniform(3, 6))),)
-    able = set(_ONE)
+    able = set(ONE)
     if regime.get("inertials") == "approximate":
         able -= set(_SWALLOWED["approximate"])
     if regime.get("declared") == _LAW:
@@ -94,7 +94,7 @@ def _draw_plants(rng, arm, n, kind, regime):
     if regime.get("declared", PLAIN) == _BODY or not regime["drives"]:
         able -= set(_SWALLOWED["bare"])
     if regime.get("loop", -1.0) >= 0:
-        able -= {*_SIZES, "temperature_dependent_friction", "warm_up_drift"}
+        able -= {*SIZES, "temperature_dependent_friction", "warm_up_drift"}
     count = 1 if kind == "one" else int(rng.integers(2, 5))
     names = [str(x) for x in rng.permutation(sorted(able))[:count]]
     # Their columns are each other's.
@@ -116,6 +116,6 @@ def _draw_plants(rng, arm, n, kind, regime):
             free.remove(joint)
         else:
             continue
-        size = _PAYLOAD[arm] if name == "payload_error" else rng.uniform(*_SIZES.get(name, (3.0, 6.0)))
+        size = PAYLOAD[arm] if name == "payload_error" else rng.uniform(*SIZES.get(name, (3.0, 6.0)))
         plants.append(Plant(name, joint, float(size)))
     return tuple(plants)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.outside import forms
+from benchmarks.scoring import start_entry
 
 PLAIN = ("rigid_body", "rotor_inertia", "coulomb", "viscous")
 #: Effects that are no torque simply added, with their size's meaning.
@@ -119,16 +120,10 @@ class Case:
     def axes(self):
         """Regime by axis."""
         return {
-            "arm": self.arm,
-            "noise": self.noise,
-            "noise_level": self.level,
-            "rate": self.rate,
-            "runs": len(self.train),
-            "inertials": self.inertials,
-            "declared": " ".join(self.declared),
-            "plants": len(self.plants),
-            "acts": "loop" if self.loop >= 0 else "record",
-        }
+            "arm": self.arm, "noise": self.noise, "noise_level": self.level, "rate": self.rate,
+            "runs": len(self.train), "inertials": self.inertials, "declared": " ".join(self.declared),
+            "plants": len(self.plants), "acts": "loop" if self.loop >= 0 else "record",
+        }  # fmt: skip
 
     def make(self, folder):
         """Write the data set; the truth in the form of `benchmarks.scoring`."""
@@ -173,22 +168,12 @@ class Truth:
 
 
 def _make_entry(arm, j, effect, found, parameters, outside=False):
-    return {
-        "effect": effect,
-        "accepted": [effect],
-        "also_accepted": [],
-        "contains": [],
-        "outside": outside,
-        "standard": effect in ("rigid_body", "rotor_inertia", "coulomb", "viscous"),
-        "joint": arm.names[j],
-        "joints": arm.names if effect in ROBOT_WIDE else [arm.names[j]],
-        "measured_size": float("nan"),
-        "findable_size": float("nan"),
-        "times_findable": float("inf") if found else 0.0,
-        "separable": not outside,
-        "rivals": {},
-        "parameters": parameters,
-    }
+    joints = arm.names if effect in ROBOT_WIDE else [arm.names[j]]
+    standard = effect in ("rigid_body", "rotor_inertia", "coulomb", "viscous")
+    return start_entry(effect, arm.names[j], joints, standard) | {
+        "outside": outside, "measured_size": np.nan, "findable_size": np.nan,
+        "times_findable": np.inf if found else 0.0, "separable": not outside, "parameters": parameters,
+    }  # fmt: skip
 
 
 def _state_parameters(plant, arm):

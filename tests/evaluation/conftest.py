@@ -1,6 +1,6 @@
 import pytest
+from planted_study import planted_test_quantities
 
-from benchmarks.planted import planted_test_quantities
 from wearscope.surrogates.fitting import fit_surrogates
 
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from planted_study import planted_test_quantities
 from scipy.special import ndtr, ndtri
 
-from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.designs.kinds import make_design
 from wearscope.evaluation.sampled_scope import (

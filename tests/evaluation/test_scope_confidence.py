@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planted_study import planted_test_quantities
 
-from benchmarks.planted import planted_test_quantities
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.scope import (
     along_operator,

@@ -121,7 +121,8 @@ def test_each_cell_has_its_own_stream_whatever_else_is_computed(surrogates, tabl
 
 
 def test_the_interval_holds_the_true_snr(quantities):
-    from benchmarks.planted import PAPER_OPTIONS
+    from planted_study import PAPER_OPTIONS
+
     from wearscope.designs.bases import model_matrix, model_terms
     from wearscope.designs.factors import PAPER_FACTORS
     from wearscope.designs.kinds import make_design

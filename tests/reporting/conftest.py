@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from planted_study import PAPER_OPTIONS, planted_test_quantities
 from reporting.browser import launch_browser
 
-from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.config import load_config
 from wearscope.designs.checks import describe_design, view_for_axis
 from wearscope.designs.factors import Factor, nominal_levels

@@ -1,8 +1,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from planted_study import PAPER_OPTIONS
 
-from benchmarks.planted import PAPER_OPTIONS
 from wearscope.designs.checks import view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import checking_design, filling_design, make_design, validation_design

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from planted_study import PAPER_OPTIONS, planted_test_quantities
 from scipy import stats
 
-from benchmarks.planted import PAPER_OPTIONS, planted_test_quantities
 from wearscope.designs.bases import model_matrix, model_terms
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import make_design, validation_design
