@@ -332,6 +332,19 @@ def test_gravity_that_a_controllers_own_model_took_out_is_told(tmp_path, off, kn
     )
 
 
+@pytest.mark.parametrize("angle", [0.06, 0.2])
+def test_a_slope_under_the_base_is_told_where_it_is_steep(tmp_path, angle):
+    """The stated gravity is turned against that of the recordings, by 3 and 11 degrees."""
+    folder = tmp_path / "d"
+    generate_dataset(folder, "arm3", [], 3, Recipe(duration=8.0, plans=PLANS))
+    along = [float(9.81 * np.sin(angle)), 0.0, float(-9.81 * np.cos(angle))]
+    change_fields(folder, lambda d: d["robot"].update(gravity=along, inertials="approximate"))
+    if angle > 0.1:
+        refuse(folder, r"gravity acts along \[-?0(\.[01]\d*)?, -?0(\.[01]\d*)?, -9\.8\d*\] in the base frame")
+    else:
+        check(folder)
+
+
 def raise_slide(folder, weight, mass=MASS):
     """Turn the recordings into those of a vertical slide that carries a weight [N], with a link of a mass."""
     slide = PENDULUM.replace("continuous", "prismatic").replace('xyz="0 1 0"/>', 'xyz="0 0 1"/>' + LIMITS)

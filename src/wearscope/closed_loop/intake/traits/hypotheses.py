@@ -34,8 +34,9 @@ _TURNS = (float(np.pi), 2.0 * float(np.pi))
 _NARROW = 4.0 * float(np.pi) * DEGREE
 #: Odds [nats] for Earth's gravity where the stated one is of another size.
 _UNEARTHLY = 10.0
-#: Cosine to the stated direction from which gravity counts as unchanged; part along an axis that counts as 0.
-_SAME, _LEVEL = 0.95, 0.03
+#: Cosine to the stated direction from which gravity counts as unchanged; part along an axis that counts as 0;
+#: first step of the search for a direction.
+_SAME, _LEVEL, _STEP = 0.99, 0.03, 0.1
 _SIGN_HINT = "give motor torque, positive where it does positive work in positive motion"
 
 Told = tuple[str, tuple[str, ...]]
@@ -114,13 +115,18 @@ def _propose_gravity(few: Weighing, r: Reading) -> Iterator[Reading]:
     ways = [way for way in grid if way @ stated < _SAME * size]
     start = min(ways, key=lambda way: few.look(point(way)))
     yield point(start, 0.0 if np.abs(start).max() == 1.0 else FREE)
-    if few.look(point(start)) < few.look(r):
-        found = optimize.minimize(
-            lambda way: few.look(point(way)), start + 1e-3, method="Nelder-Mead", options={"maxfev": 40}
-        ).x
-        found = np.where(np.abs(found) < _LEVEL * np.linalg.norm(found), 0.0, found)
-        if found @ stated < _SAME * size * np.linalg.norm(found):
-            yield point(found)
+    # A base that stands on a slope is tilted by less than half of a right angle.
+    start = min((start, stated / size), key=lambda way: few.look(point(way, 0.0)))
+    steps = start + _STEP * np.eye(4, 3)
+    found = optimize.minimize(
+        lambda way: few.look(point(way)),
+        start,
+        method="Nelder-Mead",
+        options={"maxfev": 40, "initial_simplex": steps},
+    ).x
+    found = np.where(np.abs(found) < _LEVEL * np.linalg.norm(found), 0.0, found)
+    if found @ stated < _SAME * size * np.linalg.norm(found):
+        yield point(found)
 
 
 def _tell_gravity(r: Reading, rows: Rows) -> Told | None:
