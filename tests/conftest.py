@@ -5,11 +5,13 @@ import os
 import re
 from collections import defaultdict
 from difflib import unified_diff
-from html import unescape
+from html import escape, unescape
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
 MEASURED = Path(__file__).with_name("processor_seconds.tsv")
 #: A test from here on is slow [s of processor]. The cheapest of its function stays, up to `MOST`: it fails
 #: for the same changes of the code.
@@ -149,5 +151,21 @@ def says(request):
             parts[case] = text
             file.write_text("".join(f"== {name}\n{parts[name]}" for name in parts), encoding="utf-8")
         assert text == parts.get(case)
+
+    return check
+
+
+@pytest.fixture
+def refuses(request, says, tmp_path):
+    """Call what must be refused, and compare the sentence with the module's ``.txt``, as `says` does."""
+    from wearscope.errors import InputError
+
+    number = count(1)
+
+    def check(call, *given, **options):
+        with pytest.raises(InputError) as told:
+            call(*given, **options)
+        sentence = str(told.value).replace(str(tmp_path), "FOLDER").replace(str(ROOT), "ROOT")
+        says(f"{request.node.name} {next(number)}", escape(sentence))
 
     return check

@@ -110,33 +110,30 @@ def test_what_a_file_takes_while_it_is_read_is_bounded(monkeypatch):
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
-def test_a_table_with_a_large_description_is_refused(tmp_path, monkeypatch):
+def test_a_table_with_a_large_description_is_refused(tmp_path, monkeypatch, refuses):
     pq.write_table(pa.table({"t": [1.0]}).replace_schema_metadata({"x": "y" * 5000}), tmp_path / "a.parquet")
     assert len(read_columns(tmp_path / "a.parquet")) == 1
     monkeypatch.setattr(limits, "FOOTER_BYTES", 3000)
-    with pytest.raises(InputError, match=r"describes itself in more than 0\.003 MB"):
-        read_columns(tmp_path / "a.parquet")
+    refuses(read_columns, tmp_path / "a.parquet")
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_a_recording_of_short_rows_is_bounded_by_its_memory(tmp_path, monkeypatch, kind):
+def test_a_recording_of_short_rows_is_bounded_by_its_memory(tmp_path, monkeypatch, kind, refuses):
     """A row of four bytes on disk takes sixteen in memory."""
     table, file = pd.DataFrame({"t": [1] * 1000, "u": [2] * 1000}), tmp_path / f"a.{kind}"
     table.to_csv(file, index=False) if kind == "csv" else table.to_parquet(file)
     monkeypatch.setattr(limits, "UNPACKED_BYTES", 16_000)
     assert len(read_columns(file)) == 1000
     monkeypatch.setattr(limits, "UNPACKED_BYTES", 15_999)
-    with pytest.raises(InputError, match=r"GB of memory once it is unpacked.*in several files"):
-        read_columns(file)
+    refuses(read_columns, file)
 
 
-def test_a_text_of_a_table_that_unpacks_to_much_is_refused(tmp_path, monkeypatch):
+def test_a_text_of_a_table_that_unpacks_to_much_is_refused(tmp_path, monkeypatch, refuses):
     """A dictionary holds it once on disk, so that no size in the file tells."""
     monkeypatch.setattr(limits, "READING_BYTES", 200_000_000)
     words = pa.DictionaryArray.from_arrays(np.zeros(1000, np.int32), ["x" * 1_000_000])
     pq.write_table(pa.table({"a": words, "b": np.zeros(1000)}), tmp_path / "a.parquet", store_schema=False)
-    with pytest.raises(InputError, match=r"takes more than 0\.2 GB of memory"):
-        read_frame(tmp_path / "a.parquet")
+    refuses(read_frame, tmp_path / "a.parquet")
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3"])
@@ -167,24 +164,21 @@ def test_a_half_of_a_character_is_refused_before_anything_writes_it():
         load_json('{"a": ["\\uD800"]}')
 
 
-def test_a_text_of_many_columns_is_refused(tmp_path):
+def test_a_text_of_many_columns_is_refused(tmp_path, refuses):
     row = ",".join(["1"] * 3000)
     (tmp_path / "a.csv").write_text("\n".join([",".join(f"c{k}" for k in range(3000)), row, row, row]))
-    with pytest.raises(InputError, match="has 3000 columns, more than 2000"):
-        read_recording(tmp_path / "a.csv")
+    refuses(read_recording, tmp_path / "a.csv")
 
 
-def test_tables_are_bounded_before_they_are_read(tmp_path):
+def test_tables_are_bounded_before_they_are_read(tmp_path, refuses):
     wide, long = tmp_path / "wide.csv", tmp_path / "long.parquet"
     wide.write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
-    with pytest.raises(InputError, match=r"more than 2000 columns"):
-        read_columns(wide)
+    refuses(read_columns, wide)
     with pq.ParquetWriter(long, pa.schema([("t", pa.float64())])) as writer:
         for _ in range(11):
             writer.write_table(pa.table({"t": pa.array(np.zeros(10_000_000))}))
     assert long.stat().st_size < 1_000_000
-    with pytest.raises(InputError, match=r"0\.88 GB of memory .* more than 0\.8 GB"):
-        read_columns(long)
+    refuses(read_columns, long)
 
 
 COLD = {"description": "d", "kind": "temperature", "range": [-300, 0], "unit": "degC"}

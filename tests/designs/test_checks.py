@@ -16,7 +16,6 @@ from wearscope.designs.checks import (
 )
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import fractional_factorial, make_design
-from wearscope.errors import InputError
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
 PAPER = {"generators": {"w5": "f w1 w2 w3 w4"}}
@@ -34,11 +33,10 @@ def test_terms_of_the_three_models():
     assert [len(model_terms(model, NAMES)) for model in ("main", "full", "simplified")] == [7, 28, 22]
 
 
-def test_model_matrix_multiplies_levels():
+def test_model_matrix_multiplies_levels(refuses):
     phi = model_matrix([[2.0, 3.0, 5.0]], ["f", "a", "b"], ["1", "f", "a:b", "a^2", "f:a:b"])
     assert phi.tolist() == [[1.0, 2.0, 15.0, 9.0, 30.0]]
-    with pytest.raises(InputError, match="'q' is no factor"):
-        model_matrix([[1.0]], ["f"], ["q"])
+    refuses(model_matrix, [[1.0]], ["f"], ["q"])
 
 
 def test_the_papers_design_is_as_computed_in_the_notes(design):
@@ -80,29 +78,22 @@ def test_resolution_of_textbook_fractions():
     ]
 
 
-def test_an_unestimable_design_is_refused_and_the_aliases_are_named():
+def test_an_unestimable_design_is_refused_and_the_aliases_are_named(refuses):
     low = make_design("central_composite", PAPER_FACTORS, {"generators": ["w4 = f w1", "w5 = f w1 w2"]})
-    with pytest.raises(
-        InputError, match=r"model 'full' has 28 terms but only .*aliased: .*use a central composite"
-    ):
-        check_estimable(low, "full")
+    refuses(check_estimable, low, "full")
     cube = make_design("fractional_factorial", PAPER_FACTORS, PAPER)
-    with pytest.raises(InputError, match=r"f\^2 with 1; w1\^2 with 1"):
-        check_estimable(cube, "full")
+    refuses(check_estimable, cube, "full")
     check_estimable(cube, "main")
     few = make_design("latin_hypercube", PAPER_FACTORS, {"points": 20})
-    with pytest.raises(InputError, match="20 points cannot carry 28 terms"):
-        check_design(few, PAPER_FACTORS)
+    refuses(check_design, few, PAPER_FACTORS)
 
 
-def test_four_aliases_are_named_and_the_rest_counted():
+def test_four_aliases_are_named_and_the_rest_counted(refuses):
     level = np.array([1.0, -1.0] * 4)
     for count, rest in ((4, ""), (5, " and 1 more")):
         names = list("fabcde")[: count + 1]
         design = pd.DataFrame(dict.fromkeys(names, level))
-        named = "; ".join(f"{name} with f" for name in "abcd")
-        with pytest.raises(InputError, match=rf"only 2 can be .*: {named}{rest}; vary every factor"):
-            check_estimable(design, "main", names)
+        refuses(check_estimable, design, "main", names)
         assert _name_some(names[: count - 1]) == "f and a and b" + rest
     assert _name_some([]).startswith("nothing")
 
@@ -127,15 +118,14 @@ def test_every_axis_sees_a_valid_half_fraction(design):
         np.testing.assert_allclose(gram.T @ gram, phi.T @ phi, atol=1e-9)
 
 
-def test_a_view_puts_its_own_axis_first(design):
+def test_a_view_puts_its_own_axis_first(design, refuses):
     second, third = view_for_axis(design, 2), view_for_axis(design, 3)
     for suffix in ("", "_natural"):
         own = [design[f"{name}{suffix}"].tolist() for name in ("f", "w1", "w2")]
         assert [second[f"{n}{suffix}"].tolist() for n in ("f", "w1", "w2")] == [own[1], own[0], own[2]]
         assert [third[f"{n}{suffix}"].tolist() for n in ("f", "w1", "w2")] == [own[2], own[0], own[1]]
     assert view_for_axis(design, 1).equals(design)
-    with pytest.raises(InputError, match="axis 4: the factors declare the wear of axes 1, 2, 3"):
-        view_for_axis(design, 4)
+    refuses(view_for_axis, design, 4)
 
 
 def test_factor_names_of_a_model_are_its_terms_of_one_factor():
@@ -143,16 +133,14 @@ def test_factor_names_of_a_model_are_its_terms_of_one_factor():
     assert linear_names(("w2", "1", "w1^2", "f:w2")) == ("w2",)
 
 
-def test_every_axis_with_a_wear_factor_is_checked_where_none_is_named():
+def test_every_axis_with_a_wear_factor_is_checked_where_none_is_named(refuses):
     # Wear of the first axis at two levels alone: its square is a constant. The simplified model has no square
     # of the tested axis' wear, so that the first axis bears it and the others do not.
     design = make_design("latin_hypercube", PAPER_FACTORS, {"points": 80}, 1)
     design = design.assign(f=np.where(np.arange(80) % 2, 1.0, -1.0))
     check_design(design, PAPER_FACTORS, ["simplified"], axes=[1])
-    with pytest.raises(InputError, match="axis 3"):
-        check_design(design, PAPER_FACTORS, ["simplified"], axes=[1, 3])
-    with pytest.raises(InputError, match="axis 2"):
-        check_design(design, PAPER_FACTORS, ["simplified"])
+    refuses(check_design, design, PAPER_FACTORS, ["simplified"], axes=[1, 3])
+    refuses(check_design, design, PAPER_FACTORS, ["simplified"])
 
 
 def test_largest_leverage_is_that_of_the_hat_matrix_of_every_point():

@@ -139,7 +139,7 @@ def test_failed_points_are_counted_and_never_zero(user_file, breaks, status):
     assert set(counts["first_reason"]) == {f"point 3: {status}"}
 
 
-def test_points_simulated_in_vain_have_no_value_and_are_none_of_the_detector_s(user_file):
+def test_points_simulated_in_vain_have_no_value_and_are_none_of_the_detector_s(user_file, refuses):
     vain = {("identification", 4): "the motor is lost", ("audit", 1): "not in this design"}
     batches = [item for item in make_batches(DESIGNS) if item[:2] != ("identification", 4)]
     path = user_file()
@@ -152,20 +152,13 @@ def test_points_simulated_in_vain_have_no_value_and_are_none_of_the_detector_s(u
     assert list(counts["failed"]) == [1] * 6 and set(counts["first_reason"]) == {
         "point 3: RuntimeError: no luck"
     }
-    with pytest.raises(InputError, match=r"axis 1: failed at 2 of 20 identification points, more than"):
-        run(path, {"fail_at": [3]}, batches=batches, max_failed_share=0.09, failed_simulations=vain)
-    with pytest.raises(InputError, match=r"set 'identification', point 4 failed, yet it has a batch"):
-        run(path, failed_simulations=vain)
+    refuses(run, path, {"fail_at": [3]}, batches=batches, max_failed_share=0.09, failed_simulations=vain)
+    refuses(run, path, failed_simulations=vain)
 
 
-def test_too_many_failed_points_are_refused(user_file):
+def test_too_many_failed_points_are_refused(user_file, refuses):
     path = user_file("raise RuntimeError('no luck')")
-    with pytest.raises(
-        InputError,
-        match=r"fda 'mine', robot medium, cycle sweep, axis 1: failed at 3 of 20 identification "
-        r"points, more than the share 0.05 allowed; first at point 11: RuntimeError: no luck; correct",
-    ):
-        run(path, {"fail_at": [11, 12, 13]})
+    refuses(run, path, {"fail_at": [11, 12, 13]})
     assert run(path, {"fail_at": [11, 12, 13]}, max_failed_share=0.15)["y"].isna().sum() == 9
 
 
@@ -186,7 +179,7 @@ def test_whole_numbers_and_zero_dimensional_arrays_are_numbers(user_file):
     assert (run(path, {"fail_at": [2]}).query("point == 2")["y"] == 2).all()
 
 
-def test_a_detector_that_cannot_be_fitted_is_refused_before_any_batch_is_read(tmp_path):
+def test_a_detector_that_cannot_be_fitted_is_refused_before_any_batch_is_read(tmp_path, refuses):
     path = tmp_path / "bad.py"
     path.write_text("class DETECTOR:\n def fit(self, *_): 1 / 0\n def test_quantity(self, b): return 1.0\n")
 
@@ -194,45 +187,33 @@ def test_a_detector_that_cannot_be_fitted_is_refused_before_any_batch_is_read(tm
         raise AssertionError("read")
         yield
 
-    with pytest.raises(InputError, match=r"fda 'mine'.*axis 1: cannot be fitted.*ZeroDivisionError"):
-        run(str(path), batches=unread())
+    refuses(run, str(path), batches=unread())
 
 
-def test_batches_and_designs_must_match(user_file):
+def test_batches_and_designs_must_match(user_file, refuses):
     items = list(make_batches(DESIGNS))
-    with pytest.raises(
-        InputError, match="1 design points have no batch, the first is point 9 of set 'validation'"
-    ):
-        run(user_file(), batches=items[:-1])
-    with pytest.raises(InputError, match="point 0 of set 'identification' has two batches"):
-        run(user_file(), batches=[items[0], items[0]])
-    with pytest.raises(InputError, match="point 99 is in no design"):
-        run(user_file(), batches=[("validation", 99, items[0][2])])
+    refuses(run, user_file(), batches=items[:-1])
+    refuses(run, user_file(), batches=[items[0], items[0]])
+    refuses(run, user_file(), batches=[("validation", 99, items[0][2])])
 
 
-def test_axes_and_names_are_checked(user_file):
-    with pytest.raises(InputError, match="no axis 5; the robot has 1 to 4, j1, j3, j4, j2"):
-        run(user_file(), axes=(1, 5))
-    with pytest.raises(InputError, match="named twice"):
-        run(user_file(), axes=(1, 1))
+def test_axes_and_names_are_checked(user_file, refuses):
+    refuses(run, user_file(), axes=(1, 5))
+    refuses(run, user_file(), axes=(1, 1))
 
 
-def test_load_detector_explains_what_is_wrong(tmp_path, user_file):
+def test_load_detector_explains_what_is_wrong(tmp_path, user_file, refuses):
     with pytest.raises(InputError, match=r"there is no 'nonsense'; choose one of .*friction_fit"):
         load_detector("nonsense")
-    with pytest.raises(InputError, match=r"gone\.py: no such file"):
-        load_detector(str(tmp_path / "gone.py"))
-    with pytest.raises(InputError, match=r"refuses its options.*volume"):
-        load_detector(user_file(), {"volume": 11})
-    with pytest.raises(InputError, match="floor should be less than 1"):
-        load_detector("distribution_distance", {"floor": 2})
+    refuses(load_detector, str(tmp_path / "gone.py"))
+    refuses(load_detector, user_file(), {"volume": 11})
+    refuses(load_detector, "distribution_distance", {"floor": 2})
     for name in plugins.list_names("detectors", "DETECTOR"):
         with pytest.raises(InputError, match=rf"{name}: the detector refuses its options .*volume"):
             load_detector(name, {"volume": 11})
     half = tmp_path / "half.py"
     half.write_text("class DETECTOR:\n def fit(self, nominal, axis, model): ...\n", encoding="utf-8")
-    with pytest.raises(InputError, match="has no method test_quantity"):
-        load_detector(str(half))
+    refuses(load_detector, str(half))
 
 
 def test_the_example_of_the_documentation_works(tmp_path):
@@ -269,12 +250,9 @@ def test_detector_that_hangs_ends_or_crashes_its_process_is_a_failed_point(user_
     assert seen[-1] == 30
 
 
-def test_detector_that_is_lost_too_often_is_refused_without_asking_on(user_file):
+def test_detector_that_is_lost_too_often_is_refused_without_asking_on(user_file, refuses):
     path = user_file("while True: pass")
-    with pytest.raises(
-        InputError, match=r"axis 1: took longer than 0.2 s at 2 identification points, the last"
-    ):
-        run(path, {"fail_at": range(20)}, axes=(1,), max_failed_share=0.05, time_limit=0.2)
+    refuses(run, path, {"fail_at": range(20)}, axes=(1,), max_failed_share=0.05, time_limit=0.2)
 
 
 @pytest.mark.parametrize(
@@ -292,16 +270,14 @@ def test_fit_that_hangs_or_exits_is_refused(user_file, body, words):
         run(path, time_limit=0.3)
 
 
-def test_module_that_exits_is_refused(tmp_path):
+def test_module_that_exits_is_refused(tmp_path, refuses):
     (tmp_path / "gone.py").write_text("import sys; sys.exit(0)")
-    with pytest.raises(InputError, match=r"importing it raised SystemExit: 0"):
-        load_detector(str(tmp_path / "gone.py"))
+    refuses(load_detector, str(tmp_path / "gone.py"))
 
 
-def test_answers_in_a_process_of_their_own_are_the_same(user_file):
+def test_answers_in_a_process_of_their_own_are_the_same(user_file, refuses):
     pd.testing.assert_frame_equal(run(user_file(), time_limit=60), run(user_file()))
-    with pytest.raises(InputError, match="two batches"):
-        run(user_file(), batches=[*make_batches(DESIGNS), *make_batches(DESIGNS)], time_limit=60)
+    refuses(run, user_file(), batches=[*make_batches(DESIGNS), *make_batches(DESIGNS)], time_limit=60)
 
 
 # Chunks of a robot and test-cycle's points, computed one by one.
@@ -342,27 +318,19 @@ def test_the_table_of_chunks_is_that_of_one_go_to_the_byte(user_file, tmp_path, 
     assert whole["y"].isna().sum() == 3 * 4
 
 
-def test_the_share_that_may_fail_is_of_the_whole_set(user_file):
+def test_the_share_that_may_fail_is_of_the_whole_set(user_file, refuses):
     """A chunk of one point that fails is no failure of all; too many in all chunks are."""
     path = user_file()
     parts = run_chunks(path, 1, 0.15)
     assert join_test_quantities(parts, ["mine"], (1, 2, 3), 0.15).num_rows == 90
-    with pytest.raises(
-        InputError,
-        match=r"fda 'mine', robot medium, cycle sweep, axis 1: failed at 3 of 20 identification points, more "
-        r"than the share 0\.1 allowed; first at point 3: RuntimeError",
-    ):
-        join_test_quantities(parts, ["mine"], (1, 2, 3), 0.1)
-    with pytest.raises(InputError, match=r"failed at 1 of 20 identification points"):
-        run_chunks(path, 1, 0.04)
+    refuses(join_test_quantities, parts, ["mine"], (1, 2, 3), 0.1)
+    refuses(run_chunks, path, 1, 0.04)
 
 
-def test_a_chunk_of_other_cells_is_refused(user_file):
+def test_a_chunk_of_other_cells_is_refused(user_file, refuses):
     parts = run_chunks(user_file(), 10, 1.0)
-    with pytest.raises(InputError, match="holds no cell of axis 1 and fda 'other'"):
-        join_test_quantities(parts, ["other"], (1, 2, 3), 1.0)
-    with pytest.raises(InputError, match="holds no cell of axis 2 and fda 'mine'"):
-        join_test_quantities(parts, ["mine"], (2, 1, 3), 1.0)
+    refuses(join_test_quantities, parts, ["other"], (1, 2, 3), 1.0)
+    refuses(join_test_quantities, parts, ["mine"], (2, 1, 3), 1.0)
 
 
 def test_long_columns_are_paged_as_in_one_go(tmp_path):

@@ -78,11 +78,10 @@ def test_a_class_of_its_own_gives_a_rule_anew(write):
     assert effect.complexity([0]) == 1 and effect.label == str(effect.reference)
 
 
-def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(write, tmp_path):
+def test_code_that_a_data_set_names_runs_only_where_it_is_allowed(write, tmp_path, refuses):
     ran = tmp_path / "ran"
     path = write(f"open({str(ran)!r}, 'w').close()\n{HOSE}")
-    with pytest.raises(InputError, match=r"hose.py: is Python code.*--config allow_code=true"):
-        load_effect(str(path), allow_code=False)
+    refuses(load_effect, str(path), allow_code=False)
     assert not ran.exists()
     load_effect(str(path), allow_code=True)
     assert ran.exists()
@@ -100,7 +99,7 @@ def test_it_is_evaluated_and_simulated_by_the_same_row(write, signals):
     assert (term.row, term.joint, term.coefficients.tolist()) == (effect.row, 1, [3.0])
 
 
-def test_further_channels_are_signals_of_an_own_effect(write, signals):
+def test_further_channels_are_signals_of_an_own_effect(write, signals, refuses):
     effect = load_effect(str(write(PRESSURE)))
     pressure = 50.0 + np.sin(signals.t)
     measured = replace(signals, channels={"pressure": pressure})
@@ -108,8 +107,7 @@ def test_further_channels_are_signals_of_an_own_effect(write, signals):
     np.testing.assert_allclose(torque, 0.1 * pressure * signals.q[:, 2])
     shapes = np.zeros((2, 0))
     assert effect.stack(measured, 2, shapes).shape == (len(signals.t), 2)
-    with pytest.raises(InputError, match=r"needs the channel 'pressure'.*\(none\); add it to 'channels'"):
-        effect.torque(signals, 2, {"area": 0.1})
+    refuses(effect.torque, signals, 2, {"area": 0.1})
 
 
 def test_a_row_stands_for_signals_without_channels(write, signals):
@@ -121,17 +119,15 @@ def test_a_row_stands_for_signals_without_channels(write, signals):
     np.testing.assert_allclose(effect.torque(measured, 1, {"level": 1.0}), 5.0 * signals.q[:, 1])
 
 
-def test_an_effect_without_a_row_is_not_simulated(write):
+def test_an_effect_without_a_row_is_not_simulated(write, refuses):
     effect = load_effect(str(write(PRESSURE)))
-    with pytest.raises(InputError, match=r"hose.py: effect 'balancer_pressure' has no 'row'"):
-        effect.install(Plant(2), 0, {"area": 0.1})
+    refuses(effect.install, Plant(2), 0, {"area": 0.1})
 
 
-def test_regressors_of_a_wrong_shape_are_refused(write, signals):
+def test_regressors_of_a_wrong_shape_are_refused(write, signals, refuses):
     effect = load_effect(str(write(PRESSURE.replace("[:, None] * s.q[:, [j]]", ""))))
     measured = replace(signals, channels={"pressure": signals.t})
-    with pytest.raises(InputError, match=r"have the shape \(2000,\) where \(2000, 1\) is needed"):
-        effect.columns(measured, 0, np.zeros(0))
+    refuses(effect.columns, measured, 0, np.zeros(0))
 
 
 @pytest.mark.parametrize(
@@ -184,23 +180,21 @@ def test_variants_and_extensions_are_tuples_of_coefficients(write):
     assert effect.extensions == (("level", "slope"), ("slope",))
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"nothing.py: no such file; name a Python file that defines EFFECT"):
-        load_effect("nothing.py", folder=tmp_path)
+def test_a_file_that_is_not_there_is_told(tmp_path, refuses):
+    refuses(load_effect, "nothing.py", folder=tmp_path)
 
 
 URDF = describe_robot(Joint("turn", "0 0 1", 5, "0.2 0 0", "0.1 0.2 0.2"))
 
 
-def test_a_robot_s_model_names_it_from_its_own_folder_and_simulates_it(write, tmp_path, monkeypatch):
+def test_a_robot_s_model_names_it_from_its_own_folder_and_simulates_it(write, tmp_path, monkeypatch, refuses):
     write(name="robots/effects.py")
     (tmp_path / "robots" / "arm.urdf").write_text(URDF)
     entry = "{joint: turn, effect: effects.py, parameters: {level: 3.0, k: 1.5}}"
     file = tmp_path / "robots" / "model.yaml"
     file.write_text(f"name: arm\nurdf: arm.urdf\njoints: [turn]\neffects: [{entry}]\n")
     monkeypatch.chdir("/")
-    with pytest.raises(InputError, match=r"effects.py.*allow_code"):
-        load_model(file)
+    refuses(load_model, file)
     model = load_model(file, allow_code=True)
     (term,) = build_plant(model).terms
     assert (term.coefficients.tolist(), term.shape.tolist()) == ([3.0], [1.5])

@@ -36,13 +36,12 @@ def test_single_numbers_and_short_lists(medium):
     assert one == [6.0, 9.0, 6.0, 6.0, 6.0, 6.0]
 
 
-def test_where_the_cycles_go(medium):
+def test_where_the_cycles_go(medium, refuses):
     assert put(medium, "home.axis_2", 0.1).home_posture[1] == 0.1
     low, high = put(medium, "upper.3", -10.0, relative=True).position_limits
     assert high[2] == pytest.approx(0.9 * medium.position_limits[1][2])
     assert (low == medium.position_limits[0]).all() and find_number("upper.3 %").sets_motion
-    with pytest.raises(InputError, match="home of joint 'axis_2' is 9, outside its limits"):
-        put(medium, "home.axis_2", 9.0)
+    refuses(put, medium, "home.axis_2", 9.0)
 
 
 def test_an_effect_s_parameter_is_set_or_the_effect_added(medium):
@@ -125,19 +124,13 @@ def test_what_is_no_number_gets_one_sentence(medium, path, level, relative, told
         put(medium, path, level, relative)
 
 
-def test_what_a_model_cannot_have_is_refused(medium):
-    with pytest.raises(InputError, match=r"sensors\.torque_noise"):
-        put(medium, "sensors.torque_noise", -1.0)
-    with pytest.raises(InputError, match=r"payload\.mass"):
-        put(medium, "payload.mass", -200.0, relative=True)
-    with pytest.raises(InputError, match=r"links\.axis_2\.mass: 0 kg is no mass of a link of robot 'medium'"):
-        put(medium, "links.axis_2.mass", 0.0)
-    with pytest.raises(InputError, match="which no body of"):
-        put(medium, "links.axis_2.inertia.1", 1e3)
-    with pytest.raises(InputError, match=r"sensors\.sample_rate"):
-        put(medium, "sensors.sample_rate", 0.0)
-    with pytest.raises(InputError, match=r"states no payload\.mass"):
-        put(medium.replace(payload=None), "payload.mass", 1.0)
+def test_what_a_model_cannot_have_is_refused(medium, refuses):
+    refuses(put, medium, "sensors.torque_noise", -1.0)
+    refuses(put, medium, "payload.mass", -200.0, relative=True)
+    refuses(put, medium, "links.axis_2.mass", 0.0)
+    refuses(put, medium, "links.axis_2.inertia.1", 1e3)
+    refuses(put, medium, "sensors.sample_rate", 0.0)
+    refuses(put, medium.replace(payload=None), "payload.mass", 1.0)
 
 
 def test_a_kind_of_factor_that_is_a_path():
@@ -148,10 +141,9 @@ def test_a_kind_of_factor_that_is_a_path():
     assert not find_number("drive.torque_limit").sets_motion
 
 
-def test_axes_count_the_wearing_joints_first(medium):
+def test_axes_count_the_wearing_joints_first(medium, refuses):
     assert medium.axes == medium.joints
     other = medium.replace(wear_axes=["axis_4", "axis_2"])
     assert other.axes == ["axis_4", "axis_2", "axis_1", "axis_3", "axis_5", "axis_6"]
     assert other.wearing([3, 1]).wear_joints == ["axis_1", "axis_4"]
-    with pytest.raises(InputError, match="has 6 axes; drop axis 7"):
-        medium.wearing([1, 7])
+    refuses(medium.wearing, [1, 7])

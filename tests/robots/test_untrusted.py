@@ -72,29 +72,25 @@ def test_effects_are_listed_once_and_sorted():
     assert list_effects({}, "model") == []
 
 
-def test_pipe_and_giant_are_not_read(robot, tmp_path):
+def test_pipe_and_giant_are_not_read(robot, tmp_path, refuses):
     urdf = robot.with_name("robot.urdf")
     urdf.unlink()
     os.mkfifo(urdf)
-    with pytest.raises(InputError, match=r"robot.urdf: is no plain file; name the robot's URDF"):
-        load_model(robot)
+    refuses(load_model, robot)
     urdf.unlink()
     with open(urdf, "wb") as file:
         file.truncate(TEXT_BYTES + 1)
-    with pytest.raises(InputError, match=r"robot.urdf: is larger than 20 MB"):
-        load_model(robot)
+    refuses(load_model, robot)
     change(robot, urdf="a\x00b")
-    with pytest.raises(InputError, match=r"no such file"):
-        load_model(robot)
+    refuses(load_model, robot)
 
 
-def test_code_of_a_robot_runs_only_when_it_is_allowed(robot, tmp_path):
+def test_code_of_a_robot_runs_only_when_it_is_allowed(robot, tmp_path, refuses):
     bait = tmp_path / "mine" / "payload.py"
     bait.write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\nEFFECT = None\n")
     change(robot, effects=[{"joint": "axis_1", "effect": str(bait)}])
     for allowed in (False, [], [str(tmp_path / "other.py")]):
-        with pytest.raises(InputError, match=r"payload.py' is code that would run; read it, and allow it"):
-            load_model(robot, allow_code=allowed)
+        refuses(load_model, robot, allow_code=allowed)
     assert not (tmp_path / "ran").exists()
     for allowed in (True, [str(bait)]):
         assert load_model(robot, allow_code=allowed).effects[0].effect == str(bait)
@@ -113,26 +109,21 @@ def entities(text):
         '<!ENTITY x "ha"><!ENTITY y "&x;&x;&x;&x;"><!ENTITY a "&y;&y;&y;&y;">',
     ],
 )
-def test_entities_are_refused(declared):
-    with pytest.raises(InputError, match="URDF: holds a DOCTYPE, which no URDF needs; remove it"):
-        parse_urdf(entities(declared))
+def test_entities_are_refused(declared, refuses):
+    refuses(parse_urdf, entities(declared))
 
 
-def test_number_beyond_computing_is_told(robot):
+def test_number_beyond_computing_is_told(robot, refuses):
     urdf = robot.with_name("robot.urdf")
     text = urdf.read_text()
     for old, new in (('ixz="', 'ixz="1e308" was="'), ('<mass value="', '<mass value="1e200" was="')):
         assert old in text
         urdf.write_text(text.replace(old, new))
-        with pytest.raises(
-            InputError, match=r'robot.urdf: link .*="1e\d+" is above 1e\+30; correct the URDF'
-        ):
-            load_model(robot)
+        refuses(load_model, robot)
 
 
-def test_deep_and_wide_files_are_refused_soon():
+def test_deep_and_wide_files_are_refused_soon(refuses):
     with pytest.raises(InputError):
         parse_urdf("<robot>" + "<a>" * 200_000)
     links = "".join(f'<link name="l{k}"/>' for k in range(5001))
-    with pytest.raises(InputError, match="has more than 5000 links"):
-        parse_urdf(f"<robot>{links}</robot>")
+    refuses(parse_urdf, f"<robot>{links}</robot>")

@@ -200,26 +200,24 @@ def test_failed_point_does_not_end_the_chunk(medium, move):
     assert digest(results[0]) == digest(results[2])
 
 
-def test_points_that_fit_no_robot_are_refused(medium, move):
+def test_points_that_fit_no_robot_are_refused(medium, move, refuses):
     cases = [
-        (move, Conditions(wear=(1.0, 2.0, 3.0, 4.0)), "4 wear levels for its 3 wearing joints"),
-        (move, Conditions(payload_mass_error=-1.0), "use a level above -100 %"),
-        (move, Conditions(temperature=20.0), "temperature 20 deg C is outside the friction law"),
-        (Reference(move.t, move.q[:, :5], move.v, move.a), Conditions(), "reference's q has the shape"),
-        (Reference(move.t**2, move.q, move.v, move.a), Conditions(), "equal steps"),
+        (move, Conditions(wear=(1.0, 2.0, 3.0, 4.0))),
+        (move, Conditions(payload_mass_error=-1.0)),
+        (move, Conditions(temperature=20.0)),
+        (Reference(move.t, move.q[:, :5], move.v, move.a), Conditions()),
+        (Reference(move.t**2, move.q, move.v, move.a), Conditions()),
     ]
     with Simulator(medium) as simulator:
-        for reference, conditions, message in cases:
-            with pytest.raises(InputError, match=message):
-                simulator.run(reference, conditions, None)
+        for reference, conditions in cases:
+            refuses(simulator.run, reference, conditions, None)
 
 
-def test_conditions_of_natural_levels():
+def test_conditions_of_natural_levels(refuses):
     kinds = {"f": "wear", "w1": "wear", "w3": "temperature", "w4": "dwell", "w5": "payload_mass_error"}
     levels = {"f": 12.5, "w1": 25.0, "w3": 60.0, "w4": 50.0, "w5": -5.0}
     assert make_conditions(levels, kinds) == Conditions((12.5, 25.0), 60.0, -0.05)
-    with pytest.raises(InputError, match="knows no kind 'mood'"):
-        make_conditions({"x": 1.0}, {"x": "mood"})
+    refuses(make_conditions, {"x": 1.0}, {"x": "mood"})
 
 
 def made_trace(dt=1e-3, count=400):
@@ -256,18 +254,15 @@ def test_sensors_quantise_delay_and_scale():
     np.testing.assert_allclose(lead[:-10, 1], 5.0 * (trace.t[:-10] + 0.01), atol=1e-12)
 
 
-def test_sample_rate_must_be_whole_steps():
+def test_sample_rate_must_be_whole_steps(refuses):
     assert find_stride(1e-3, 250.0) == 4
-    with pytest.raises(InputError, match="no whole number of steps"):
-        find_stride(1e-3, 300.0)
+    refuses(find_stride, 1e-3, 300.0)
     # Within a millionth of it; and as often as there are steps, but no more.
     assert find_stride(1e-3 * (1.0 + 0.9e-6), 250.0) == 4 and find_stride(1e-3, 1000.0) == 1
     for dt, rate in ((1e-3 * (1.0 + 1.1e-6), 250.0), (1e-3 * (1.0 - 1.1e-6), 250.0), (1e-3, 2000.0)):
-        with pytest.raises(InputError, match="no whole number of steps"):
-            find_stride(dt, rate)
+        refuses(find_stride, dt, rate)
     check_rate(1e-3, 1000.0 * (1.0 + 0.9e-6))
-    with pytest.raises(InputError, match="above the 1000 steps a second"):
-        check_rate(1e-3, 1000.0 * (1.0 + 1.1e-6))
+    refuses(check_rate, 1e-3, 1000.0 * (1.0 + 1.1e-6))
 
 
 def test_what_lies_between_steps_is_on_lines_and_a_position_on_a_cubic():
@@ -325,7 +320,7 @@ def test_forward_simulation_follows_a_coarse_measured_motion(arms):
     np.testing.assert_allclose(simulate_forward(model, late).tau, recording.tau, atol=1e-2)
 
 
-def test_forward_simulation_tells_models_apart_under_one_controller(arms):
+def test_forward_simulation_tells_models_apart_under_one_controller(arms, refuses):
     lacking = arms.make_arm(arms.rub())
     sprung = arms.make_arm([*arms.rub(), ("turn", "joint_spring", {"stiffness": 80.0})])
     reference = arms.swing(1.0)
@@ -333,8 +328,7 @@ def test_forward_simulation_tells_models_apart_under_one_controller(arms):
     after = simulate_forward(sprung, reference, declared=lacking)
     change = (after.tau - before.tau)[100:, 0]
     np.testing.assert_allclose(change, 80.0 * after.q[100:, 0], atol=0.1 * 80.0 * 0.6)
-    with pytest.raises(InputError, match="have different joints"):
-        simulate_forward(lacking, reference, declared=load_model("medium", ROBOTS))
+    refuses(simulate_forward, lacking, reference, declared=load_model("medium", ROBOTS))
 
 
 def test_temperature_may_change_over_a_run(arms):

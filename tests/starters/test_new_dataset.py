@@ -134,26 +134,23 @@ def test_clocks_of_any_unit_and_origin(clock, truth, tmp_path):
     assert any("epoch" in note for note in converted.notes) == ("since 1970" in clock)
 
 
-def test_motor_side_currents_and_signed_gears(truth, tmp_path):
+def test_motor_side_currents_and_signed_gears(truth, tmp_path, refuses):
     constant, gear = 0.2, np.array(GEAR)
     signals = ("t", "motor_pos_{}", "actual_current_{} [mA]")
     frame = table(truth, *signals, q=gear, tau=1e3 / gear / constant, first=0)
     file = log(tmp_path, frame.assign(**{f"motor_vel_{k}": truth[2][:, k] * gear[k] for k in range(6)}))
-    with pytest.raises(InputError, match="give --torque-constant"):
-        convert(file, side="motor", gear_ratio=GEAR)
-    with pytest.raises(InputError, match="give --gear-ratio"):
-        convert(file, side="motor", torque_constant=[constant])
+    refuses(convert, file, side="motor", gear_ratio=GEAR)
+    refuses(convert, file, side="motor", torque_constant=[constant])
     converted = convert(file, side="motor", gear_ratio=GEAR, torque_constant=[constant])
     assert_same(converted, truth, rtol=1e-7)
     np.testing.assert_allclose(whole(converted)["qd_axis_3"][:300], truth[2][:300, 2], atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "gear"), [("motor{}_pos", GEAR), ("q_motor_{}", [9.0] * 6)])
-def test_angles_named_as_a_motors_are_no_degrees_without_a_word(truth, tmp_path, name, gear):
+def test_angles_named_as_a_motors_are_no_degrees_without_a_word(truth, tmp_path, name, gear, refuses):
     q = 3.0 * truth[1][:300, 0]
     file = log(tmp_path, table(truth, "t", name, "tau_{}", q=3.0 * np.array(gear), first=0))
-    with pytest.raises(InputError, match="named as a motor's; give --side motor and --gear-ratio"):
-        convert(file)
+    refuses(convert, file)
     for want, options in (
         (q, {"side": "motor", "gear_ratio": gear}),
         (np.radians(q * gear[0]), {"position_units": ["deg"]}),
@@ -253,18 +250,12 @@ def test_columns_that_are_written_by_turns_are_brought_together(truth, tmp_path)
         assert np.ptp(tau) > 5.0, k
 
 
-def test_patterns_name_what_cannot_be_told(truth, tmp_path):
+def test_patterns_name_what_cannot_be_told(truth, tmp_path, refuses):
     file = log(tmp_path, table(truth, "t", "x{}", "y{}"))
     assert_same(convert(file, patterns={"position": "x*", "torque": "y*"}), truth)
-    for patterns, told in (
-        ({}, "--position 'NAME_"),
-        ({"position": "z*", "torque": "y*"}, "--position z\\*: names no column"),
-        ({"position": "x*", "torque": "x*"}, "column 'x1' is taken for two things"),
-    ):
-        with pytest.raises(InputError, match=told):
-            convert(file, patterns=patterns)
-    with pytest.raises(InputError, match="--joints names a joint twice"):
-        convert(file, joints=JOINTS[:1] * 2)
+    for patterns in ({}, {"position": "z*", "torque": "y*"}, {"position": "x*", "torque": "x*"}):
+        refuses(convert, file, patterns=patterns)
+    refuses(convert, file, joints=JOINTS[:1] * 2)
 
 
 def test_lost_repeated_unordered_and_empty_rows(truth, tmp_path):
@@ -338,15 +329,14 @@ def write_bag(folder, batch, plugin, rows, apart=False):
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=["sqlite", "mcap"])
 @pytest.mark.parametrize("apart", [False, True], ids=["together", "joint by joint"])
-def test_joint_states_of_ros_2(plugin, apart, batches, tmp_path):
+def test_joint_states_of_ros_2(plugin, apart, batches, tmp_path, refuses):
     bag = write_bag(tmp_path / "bag", batches[0], plugin, SHORT, apart)
     path = next(bag.glob("*.mcap")) if plugin == StoragePlugin.MCAP else bag
     converted = convert(path)
     one = batches[0]
     truth = one.t[:SHORT], one.q[:SHORT], one.qd[:SHORT], one.tau[:SHORT]
     assert_same(converted, truth)
-    with pytest.raises(InputError, match="no joint states on '/other'; they are on /joint_states"):
-        convert(path, topic="/other")
+    refuses(convert, path, topic="/other")
 
 
 def test_a_bag_that_is_none_and_a_bag_without_its_reader_get_one_sentence(tmp_path, monkeypatch):
@@ -367,13 +357,12 @@ def log_all(folder, batches, rows=None):
     return files
 
 
-def test_the_last_recording_is_the_test_or_the_one_that_is_named(batches, tmp_path):
+def test_the_last_recording_is_the_test_or_the_one_that_is_named(batches, tmp_path, refuses):
     files = log_all(tmp_path, batches, SHORT)
     uses = lambda **mapped: [run.use for run in convert_recordings(files, URDF, Mapped(**mapped)).runs]  # noqa: E731
     assert uses() == ["train", "train", "test"]
     assert uses(test=["a.csv"]) == ["test", "train", "train"]
-    with pytest.raises(InputError, match="none of the recordings"):
-        uses(test=["d.csv"])
+    refuses(uses, test=["d.csv"])
 
 
 def test_what_is_written_passes_the_check(batches, tmp_path):
@@ -448,12 +437,9 @@ def test_a_slides_unit_is_not_that_of_a_joint_that_turns(tmp_path, names, factor
     np.testing.assert_allclose(read, q, rtol=1e-6, atol=1e-9)
 
 
-def test_counters_that_begin_again_are_unwrapped(tmp_path):
+def test_counters_that_begin_again_are_unwrapped(tmp_path, refuses):
     turns, metre = 60_000.0, 90_000.0
-    with pytest.raises(
-        InputError, match=r"whole numbers of up to 409\d, as counts .* give --counts-per-turn"
-    ):
-        mixed(tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True)
+    refuses(mixed, tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre, whole=True)
     given = tmp_path, ("pos_1", "pos_2"), turns / (2.0 * np.pi), metre
     q, read, _ = mixed(*given, whole=True, counts_per_turn=[turns, metre])
     np.testing.assert_allclose(read - read[0], q - q[0], atol=1.1e-4)
@@ -492,10 +478,9 @@ def test_names_that_yaml_takes_for_something_else(tmp_path):
     }
 
 
-def test_a_count_of_rows_is_no_clock():
+def test_a_count_of_rows_is_no_clock(refuses):
     counts = pd.Series(np.arange(500))
-    with pytest.raises(InputError, match=r"counts the rows.*give --rate"):
-        to_seconds(counts, "f: column 'sample'", name="sample")
+    refuses(to_seconds, counts, "f: column 'sample'", name="sample")
     for name in ("time", "t_ms"):
         assert find_rate(to_seconds(counts, "f", name=name)[0]) == 1000.0
     assert find_rate(to_seconds(100 * counts, "f", name="time_us")[0]) == 10_000.0

@@ -194,13 +194,12 @@ def test_a_mat_that_cannot_be_read_says_so(content, reason, tmp_path):
         read_recording(tmp_path / "a.mat")
 
 
-def test_a_mat_with_a_structure_without_end_is_refused(tmp_path):
+def test_a_mat_with_a_structure_without_end_is_refused(tmp_path, refuses):
     savemat(tmp_path / "a.mat", {"run": np.array([{"q": 1.0}] * 3)})
     content = (tmp_path / "a.mat").read_bytes()
     shape = np.array([1, 3], dtype="<i4").tobytes()
     (tmp_path / "a.mat").write_bytes(content.replace(shape, np.array([1, 1 << 24], dtype="<i4").tobytes(), 1))
-    with pytest.raises(InputError, match="a structure has more than 2000 entries"):
-        read_recording(tmp_path / "a.mat")
+    refuses(read_recording, tmp_path / "a.mat")
 
 
 @pytest.mark.parametrize("lines", [True, False])
@@ -233,14 +232,11 @@ def test_a_packed_table_is_read_and_what_is_none_is_told(name, tmp_path):
         read_recording(tmp_path / name)
 
 
-def test_packed_files_that_are_several_large_or_no_table_are_told(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="holds 2 files; unpack it"):
-        read_recording(pack(tmp_path / "a.zip", "a.csv", HEADER, ["b.csv"]))
-    with pytest.raises(InputError, match=r"holds 'a\.pdf', which is no table"):
-        read_recording(pack(tmp_path / "a.zip", "a.pdf", HEADER))
+def test_packed_files_that_are_several_large_or_no_table_are_told(tmp_path, monkeypatch, refuses):
+    refuses(read_recording, pack(tmp_path / "a.zip", "a.csv", HEADER, ["b.csv"]))
+    refuses(read_recording, pack(tmp_path / "a.zip", "a.pdf", HEADER))
     monkeypatch.setattr("wearscope.limits.TABLE_BYTES", 2000)
-    with pytest.raises(InputError, match="larger than a table may be when unpacked"):
-        read_recording(pack(tmp_path / "a.csv.gz", "a.csv", HEADER + "1,1,1,1,1\n" * 1000))
+    refuses(read_recording, pack(tmp_path / "a.csv.gz", "a.csv", HEADER + "1,1,1,1,1\n" * 1000))
 
 
 @pytest.mark.parametrize(
@@ -258,12 +254,11 @@ def test_what_changes_now_and_then_is_no_joint(tmp_path, other):
     assert list(spread_states(read_recording(tmp_path / "a.csv")[0]).columns) == list(frame.columns)
 
 
-def test_cells_that_are_no_numbers_are_told_not_left_out(tmp_path):
+def test_cells_that_are_no_numbers_are_told_not_left_out(tmp_path, refuses):
     frame = table().astype({"q_2": object})
     frame.loc[::7, "q_2"] = "1.2.3"
     frame.to_csv(tmp_path / "a.csv", index=False)
-    with pytest.raises(InputError, match=r"column 'q_2' has cells that are no numbers, such as '1\.2\.3'"):
-        convert(tmp_path)
+    refuses(convert, tmp_path)
 
 
 def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):
@@ -274,10 +269,9 @@ def test_a_first_row_that_is_not_whole_is_no_header(tmp_path):
     assert list(frame.columns) == NAMES and len(frame) == len(T)
 
 
-def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path):
+def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path, refuses):
     log(tmp_path, ["time", "q_1", "q_1", "tau_1", "tau_2"], T, Q, TAU)
-    with pytest.raises(InputError, match="'q_1' stands twice"):
-        read_recording(tmp_path / "a.csv")
+    refuses(read_recording, tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize(
@@ -337,13 +331,12 @@ def test_the_time_is_found_by_its_name(columns, time):
     assert find_time(columns) == time
 
 
-def test_columns_without_a_pattern_are_given_as_a_list():
+def test_columns_without_a_pattern_are_given_as_a_list(refuses):
     columns = ["shoulder", "elbow, left", "s_tau", "e_tau"]
     assert match_pattern("s_tau, e_tau", columns, ["j1", "j2"], "torque").columns == ("s_tau", "e_tau")
     assert match_pattern("elbow, left", columns, ["j1"], "position").columns == ("elbow, left",)
     for wrong in ("s_tau", "s_tau,e", "s_tau,e_tau,shoulder"):
-        with pytest.raises(InputError, match="nor a column for each of j1, j2"):
-            match_pattern(wrong, columns, ["j1", "j2"], "torque")
+        refuses(match_pattern, wrong, columns, ["j1", "j2"], "torque")
 
 
 @pytest.mark.parametrize(
@@ -357,7 +350,7 @@ def test_speeds_by_the_minute(name, factor):
     np.testing.assert_allclose(find_groups([name], ["axis"], "velocity")[0].factors, factor)
 
 
-def test_a_row_of_units_is_obeyed(tmp_path):
+def test_a_row_of_units_is_obeyed(tmp_path, refuses):
     """Degrees, turns in a minute and thousandths of a rated torque, which needs that torque."""
     head = [f"Axis {k} Actual {kind}" for kind in ("Position", "Velocity", "Torque") for k in (1, 2)]
     v, rated = np.column_stack([0.4 * np.cos(T), -0.6 * np.sin(2.0 * T)]), np.array([5.0, 20.0])
@@ -365,8 +358,7 @@ def test_a_row_of_units_is_obeyed(tmp_path):
     text = ";".join(["Time", *head]) + "\ns;deg;deg;rpm;rpm;‰;‰\n"
     text += table.to_csv(index=False, header=False, sep=";", decimal=",", float_format="%.9g")
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(InputError, match="in ‰ of a rated torque; give --torque-constant"):
-        convert(tmp_path)
+    refuses(convert, tmp_path)
     assert_same(convert(tmp_path, torque_constant=(rated / 1e3).tolist()), qd=v)
 
 
@@ -397,10 +389,9 @@ def test_the_unit_of_a_torque_is_that_of_its_name_or_said_to_be_unknown(unit, fa
 
 
 @pytest.mark.parametrize("unit", ["_pct", " [% rated]", " [%]"])
-def test_a_share_of_a_rated_torque_is_no_torque(unit, tmp_path):
+def test_a_share_of_a_rated_torque_is_no_torque(unit, tmp_path, refuses):
     log(tmp_path, ["t", "q1", "q2", f"torque1{unit}", f"torque2{unit}"], T, Q, TAU)
-    with pytest.raises(InputError, match=r"of a rated torque; give --torque-constant.* by 100"):
-        convert(tmp_path)
+    refuses(convert, tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -252,7 +252,9 @@ def choose_audit_points(
     later: list[tuple[dict[str, float], dict[str, object]]] = []
     for k, (factor, (delta, sigma)) in enumerate(boundaries.items()):
         if factor not in names or factor == FAULT:
-            raise InputError(f"audit: '{factor}' is no nuisance; use {', '.join(set(names) - {FAULT})}.")
+            raise InputError(
+                f"audit: '{factor}' is no nuisance; use {', '.join(one for one in names if one != FAULT)}."
+            )
         turn = axes[k % len(axes)]
         for hypothesis, axis in [("H1", turn), ("H0", 0), *(("H1", a) for a in axes if a != turn)]:
             for side in (-1, 1):
