@@ -206,7 +206,8 @@ def tell_unknown(found: Found, structure: Structure) -> list[str]:
         said.append(
             f"{structure.joints[j]}: torque that no change explains, {np.sqrt(ratio):.1f} times what healthy "
             "sessions leave (RMS), such as forces from outside, play, a loose belt or a shifted encoder. "
-            "Record the session again without contact; if it stays, examine the joint."
+            "It may also come from a motion unlike those of the healthy sessions. Record the session again "
+            "without contact, with a motion of theirs; if it stays, examine the joint."
         )
     return said
 

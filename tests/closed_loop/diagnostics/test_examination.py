@@ -4,6 +4,7 @@ import json
 
 import pandas as pd
 import pytest
+from changed_fields import changed_fields
 from folders import fit_problem
 
 from wearscope.closed_loop.diagnostics import forward
@@ -23,6 +24,19 @@ def made(record, pose):
     found = estimate(model)
     stages = ("before", "after")
     return prepared, {stage: make_corrected_model(prepared, model, found, stage) for stage in stages}
+
+
+@pytest.mark.parametrize(("masses", "carried"), [((2.0, 2.0), 2.0), ((2.0, 3.0), None), ((None, 3.0), None)])
+def test_a_corrected_model_carries_what_all_recordings_carry(record, pose, masses, carried):
+    folder = record(runs=2, duration=6.0)
+    with changed_fields(folder / "dataset.yaml") as fields:
+        for run, mass in zip(fields["runs"], masses, strict=True):
+            run["payload"] = {"mass": mass} if mass else None
+    problem = pose(folder)
+    model = fit_problem(problem)
+    made = make_corrected_model(problem.prepared, model, estimate(model), "after").to_mapping()
+    assert (made["payload"] and made["payload"]["mass"]) == carried
+    assert ("it carries none" in made["description"]) == (carried is None)
 
 
 def test_failed_simulation_is_said_and_leaves_no_numbers(made, monkeypatch):

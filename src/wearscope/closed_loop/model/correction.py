@@ -99,10 +99,13 @@ def make_corrected_model(
         )
     lowest = np.min([run.signals.q.min(axis=0) for run in prepared.runs], axis=0)
     highest = np.max([run.signals.q.max(axis=0) for run in prepared.runs], axis=0)
-    payload = next((run.payload for run in dataset.runs if run.payload is not None), None)
+    payload, *others = (run.payload for run in dataset.runs)
+    words = [dataset.fields.description, f"Model {stage} closing the loop."]
+    if any(other != payload for other in others):
+        payload, words = None, [*words, "Its recordings carry different payloads; it carries none."]
     fields = {
         "name": f"{safe_name(dataset)}-{stage}",
-        "description": f"{dataset.fields.description} Model {stage} closing the loop.".strip(),
+        "description": " ".join(words).strip(),
         "source": dataset.fields.source,
         "urdf": f"model_{stage}.urdf",
         "joints": list(dataset.joints),
