@@ -88,43 +88,38 @@ def test_pickles():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    "changes",
     [
-        ({"gear": 3}, "gear: there is no such key"),
-        ({"drive": {"gear_ration": [1, 1]}}, "drive.gear_ration: there is no such key"),
-        ({"drive": {"gear_ratio": [1]}}, "drive.gear_ratio has 1 values for 2 joints"),
-        ({"drive": {"gear_ratio": [1, 0]}}, "drive.gear_ratio holds a 0"),
-        ({"drive": {"torque_limit": [1, -1]}}, "drive.torque_limit[1]: input should be greater than 0"),
-        ({"drive": {"rotor_inertia": [0, math.nan]}}, "drive.rotor_inertia[1]: input should be"),
-        ({"sensors": {"torque_noise": [1, 2, 3]}}, "sensors.torque_noise has 3 values"),
-        ({"sensors": {"sample_rate": 0}}, "sensors.sample_rate: input should be greater than 0"),
-        ({"controller": {"bandwidth_hz": [1.0]}}, "controller.bandwidth_hz has 1 values"),
-        ({"payload": {"mass": math.nan}}, "payload.mass: input should be"),
-        ({"payload": {"mass": 1, "com": [0, 0]}}, "payload.com: list should have at least 3 items"),
-        ({"payload": {"com": [0, 0, 0]}}, "payload.mass: is missing; add it."),
-        ({"gravity": [0, -9.81]}, "gravity: list should have at least 3 items"),
-        ({"home": [0.9, 0]}, "home of joint 'x' is 0.9, outside its limits 0.2 to 0.8"),
-        ({"lower": [0.9, 0]}, "joint 'x' has no room"),
-        ({"home": [math.inf, 0]}, "home[0]: input should be a finite number"),
-        ({"wear_axes": ["y"]}, "wear_axes: there is no joint 'y'; choose one of x, c"),
-        ({"effects": [{"joint": "y", "effect": "coulomb"}]}, "effects[0].joint: there is no joint 'y'"),
-        ({"effects": [{"joint": "x"}]}, "effects[0].effect: is missing"),
-        (
-            {"effects": [{"joint": "x", "effect": "coulomb", "parameters": {"level": math.nan}}]},
-            "effects[0].parameters.level: input should be a finite number",
-        ),
-        ({"joints": ["x", "z"]}, "has no joint 'z'"),
-        ({"joints": ["x", "x"]}, "joints: a joint is named twice"),
-        ({"joints": []}, "joints: list should have at least 1 item"),
-        ({"joints": None}, "joints: input should be a valid list"),
-        ({"name": "a/b"}, "name: string should match"),
+        {"gear": 3},
+        {"drive": {"gear_ration": [1, 1]}},
+        {"drive": {"gear_ratio": [1]}},
+        {"drive": {"gear_ratio": [1, 0]}},
+        {"drive": {"torque_limit": [1, -1]}},
+        {"drive": {"rotor_inertia": [0, math.nan]}},
+        {"sensors": {"torque_noise": [1, 2, 3]}},
+        {"sensors": {"sample_rate": 0}},
+        {"controller": {"bandwidth_hz": [1.0]}},
+        {"payload": {"mass": math.nan}},
+        {"payload": {"mass": 1, "com": [0, 0]}},
+        {"payload": {"com": [0, 0, 0]}},
+        {"gravity": [0, -9.81]},
+        {"home": [0.9, 0]},
+        {"lower": [0.9, 0]},
+        {"home": [math.inf, 0]},
+        {"wear_axes": ["y"]},
+        {"effects": [{"joint": "y", "effect": "coulomb"}]},
+        {"effects": [{"joint": "x"}]},
+        {"effects": [{"joint": "x", "effect": "coulomb", "parameters": {"level": math.nan}}]},
+        {"joints": ["x", "z"]},
+        {"joints": ["x", "x"]},
+        {"joints": []},
+        {"joints": None},
+        {"name": "a/b"},
     ],
+    ids=str,
 )
-def test_breaches_are_named(changes, said):
-    with pytest.raises(InputError) as caught:
-        make_model({**FIELDS, **changes}, URDF, "file.yaml")
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_breaches_are_named(changes, refuses):
+    refuses(make_model, {**FIELDS, **changes}, URDF, "file.yaml")
 
 
 def test_unusable_files_are_named(tmp_path, refuses):

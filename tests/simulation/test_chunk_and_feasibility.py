@@ -204,25 +204,18 @@ def test_full_disk_is_told_and_finished_points_stay(tmp_path, model, cycle, monk
 
 
 @pytest.mark.parametrize(
-    ("ranges", "words"),
+    "ranges",
     [
-        (
-            {"w3": ("temperature", 10.0, 70.0)},
-            r"factors.w3: medium: temperature 10 deg C is outside the friction law",
-        ),
-        ({"f": ("wear", -1.0, 50.0)}, r"factors.f: a wear of -1"),
-        ({"f": ("wear", -1e-9, 50.0)}, r"factors.f: a wear of -1e-09"),
-        ({"w4": ("dwell", -5.0, 50.0)}, r"factors.w4: a delay of -5 ms"),
-        ({"w5": ("payload_mass_error", -100.0, 0.0)}, r"factors.w5: -100 % leaves no mass"),
-        (
-            {f"f{k}": ("wear", 0.0, 50.0) for k in range(4)},
-            r"factors.f3: robot 'medium' has 3 joints that wear",
-        ),
+        {"w3": ("temperature", 10.0, 70.0)},
+        {"f": ("wear", -1.0, 50.0)},
+        {"f": ("wear", -1e-9, 50.0)},
+        {"w4": ("dwell", -5.0, 50.0)},
+        {"w5": ("payload_mass_error", -100.0, 0.0)},
+        {f"f{k}": ("wear", 0.0, 50.0) for k in range(4)},
     ],
 )
-def test_level_out_of_range_is_told(model, ranges, words):
-    with pytest.raises(InputError, match=words):
-        check_robot(model, ranges, 0.001)
+def test_level_out_of_range_is_told(model, ranges, refuses):
+    refuses(check_robot, model, ranges, 0.001)
 
 
 def test_the_heaviest_payload_and_the_longest_dwell_are_those_of_the_ranges_ends(model, cycle, monkeypatch):

@@ -49,16 +49,6 @@ def rms(x):
     return np.sqrt(np.mean(np.square(x), axis=0))
 
 
-@pytest.mark.parametrize("name", ["medium", "large"])
-def test_halving_the_step_changes_the_recorded_torque_by_less_than_a_percent(name):
-    model = load_model(name, ROBOTS)
-    taus = []
-    for step in (1e-3, 5e-4):
-        reference = first_seconds(load_cycle("point_to_point").build(model, 0.05, step), 4.0)
-        taus.append(simulate_point(model, reference, Conditions((20.0, 10.0, 5.0), 40.0, 0.05)).tau)
-    assert np.all(rms(taus[0] - taus[1]) < 0.01 * rms(taus[1]))
-
-
 def test_every_factor_bites(medium, move):
     cycle = load_cycle("point_to_point")
     later = first_seconds(cycle.build(medium, 0.075, 1e-3), 2.0)
