@@ -320,14 +320,8 @@ def ask_timed(place, case, fault, told):
     said, text = ask(place)
     seconds, result = time.process_time() - begun, judge(said, text, told)
     print(f"{case.name} {fault}: {result}: {said[:120]}", flush=True)
-    return {
-        "case": case.tell(),
-        "fault": fault,
-        "said": said,
-        "result": result,
-        "seconds": seconds,
-        "text": text,
-    }
+    row = {"case": case.tell(), "fault": fault, "said": said, "result": result}
+    return row | {"seconds": seconds, "text": text}
 
 
 def main(arguments=None):

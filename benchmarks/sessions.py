@@ -25,14 +25,8 @@ from benchmarks.command import start_parser
 KINDS = ("none", "weight", "friction", "gain", "pushes", "none", "weight", "friction")
 ANSWERS = ("right", "cannot tell", "missed", "invented")
 FRICTION = {
-    "friction",
-    "coulomb",
-    "viscous",
-    "wear",
-    "load_dependent_friction",
-    "stribeck",
-    "concave_viscous",
-}
+    "friction", "coulomb", "viscous", "wear", "load_dependent_friction", "stribeck", "concave_viscous",
+}  # fmt: skip
 RATE, SECONDS = 100.0, 20.0
 
 

@@ -110,15 +110,8 @@ SCORES: dict[str, tuple[str, Pick, str]] = {
 }  # fmt: skip
 """Scores: words, how their cases are picked, and what is to be reached."""
 CASE_COLUMNS = (
-    "false_in_null",
-    "extra",
-    "unknowns",
-    "refuted",
-    "statuses",
-    "false_unexplained",
-    "joints",
-    "worse",
-)
+    "false_in_null", "extra", "unknowns", "refuted", "statuses", "false_unexplained", "joints", "worse",
+)  # fmt: skip
 ENTRY_COLUMNS = (
     "dataset", "kind", "effect", "joint", "outside", "standard", "required", "found", "grade", "in_set",
     "covered", "times_findable", "axis_declared",

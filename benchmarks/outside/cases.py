@@ -28,10 +28,9 @@ BARE = (
     Case("bare-panda", "panda", declared=_BODY, rate=200, level=0.005, counts=16384, drives=False),
     Case("bare-scara", "scara", declared=_BODY, rate=250, train=_SHORT, drives=False),
     Case("bare-coloured-puma", "puma560", declared=_BODY, noise="coloured", level=0.03, rate=125,
-    drives=False),
+         drives=False),
     Case("bare-approx-tx40", "tx40", declared=_BODY, inertials="approximate", stated=0.1, rate=125,
-    drives=False,
-         train=_SWEEPS),
+         drives=False, train=_SWEEPS),
     Case("empty-planar", "planar", declared=(), rate=200, drives=False),
     Case("bare-stribeck-ur5", "ur5", (Plant("stribeck", 2, 4.0),), declared=_BODY, rate=125),
 )  # fmt: skip
@@ -40,10 +39,10 @@ ONE = (
     Case("stribeck-panda", "panda", (Plant("stribeck", 1, 4.0),), rate=200, level=0.01, counts=16384),
     Case("concave-ur10", "ur10", (Plant("concave_viscous", 1, 4.0),), rate=125, train=_SHORT),
     Case("asymmetry-puma", "puma560", (Plant("viscous_asymmetry", 2, 4.0),), noise="coloured", level=0.02,
-    rate=125),
+         rate=125),
     Case("coulasym-tx40", "tx40", (Plant("coulomb_asymmetry", 1, 4.0),), rate=200, train=_POINTS),
     Case("load-iiwa", "iiwa14", (Plant("load_dependent_friction", 1, 4.0),), noise="coloured", level=0.03,
-    rate=100),
+         rate=100),
     Case("thermal-ur5", "ur5", (Plant("temperature_dependent_friction", 1, 5.0),), rate=125),
     Case("warmup-tx40", "tx40", (Plant("warm_up_drift", 2, 5.0),), rate=125),
     Case("lugre-ur5", "ur5", (Plant("presliding_hysteresis", 0, 0.02),), rate=200, level=0.005, train=_SHORT),
@@ -71,23 +70,17 @@ SEVERAL = (
     Case("two-approx-puma", "puma560", (Plant("stribeck", 1, 4.0), Plant("cross_coupling", 5, 4.0)),
          inertials="approximate", stated=0.1, rate=125),
     Case("payload-stribeck-ur5", "ur5", (Plant("payload_error", 5, 1.5), Plant("stribeck", 1, 5.0)),
-    rate=125),
+         rate=125),
     Case("loop-stribeck-planar", "planar", (Plant("stribeck", 0, 5.0),), loop=0.005, rate=250, level=0.01),
 )  # fmt: skip
 
 OUTSIDE = (
     Case("square-ur5", "ur5", (Plant("square_in_time", 2, 5.0),), rate=125),
     Case("product-puma", "puma560", (Plant("product_of_positions", 1, 5.0),), rate=125),
-    Case(
-        "posspeed-panda",
-        "panda",
-        (Plant("position_times_speed", 0, 5.0),),
-        rate=200,
-        level=0.01,
-        counts=16384,
-    ),
+    Case("posspeed-panda", "panda", (Plant("position_times_speed", 0, 5.0),), rate=200, level=0.01,
+         counts=16384),
     Case("step-tx40", "tx40", (Plant("step_in_time", 1, 5.0),), rate=125),
     Case("loadspeed-ur10", "ur10", (Plant("load_times_speed", 1, 5.0),), rate=125),
-)
+)  # fmt: skip
 
 CASES = {case.name: case for case in (*NULLS, *BARE, *ONE, *SEVERAL, *OUTSIDE)}

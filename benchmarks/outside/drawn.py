@@ -21,9 +21,8 @@ SIZES = {
 PAYLOAD = {"puma560": 1.0, "ur5": 1.2, "ur10": 2.8, "panda": 0.9, "iiwa14": 2.8, "manutec": 7.0, "tx40": 0.9,
             "scara": 0.8, "planar": 0.6}  # fmt: skip
 #: Joints that carry much of the arm's weight.
-HEAVY = {"puma560": (1, 2), "ur5": (1, 2), "ur10": (1, 2), "panda": (1, 3), "iiwa14": (1,), "manutec": (1,
-2),
-          "tx40": (1, 2), "scara": (2,), "planar": (0, 1)}  # fmt: skip
+HEAVY = {"puma560": (1, 2), "ur5": (1, 2), "ur10": (1, 2), "panda": (1, 3), "iiwa14": (1,),
+         "manutec": (1, 2), "tx40": (1, 2), "scara": (2,), "planar": (0, 1)}  # fmt: skip
 ONE = ("stribeck", "coulomb_asymmetry", "viscous_asymmetry", "quadratic_viscous", "concave_viscous",
         "load_dependent_friction", "temperature_dependent_friction", "warm_up_drift", "presliding_hysteresis",
         "backlash", "joint_elasticity", "torque_ripple", "joint_spring", "gravity_counterbalance",
@@ -34,7 +33,7 @@ _SWALLOWED = {
     "approximate": ("payload_error", "inertial_error", "rotor_inertia_error", "gravity_counterbalance",
                     "torque_constant_error", "joint_spring"),
     "law": ("stribeck", "temperature_dependent_friction", "concave_viscous", "quadratic_viscous",
-    "warm_up_drift"),
+            "warm_up_drift"),
     "bare": ("rotor_inertia_error",),
 }  # fmt: skip
 
