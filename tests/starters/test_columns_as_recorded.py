@@ -136,3 +136,18 @@ def test_a_joint_s_name_does_not_say_that_a_torque_was_commanded(joints, columns
     """A word "d" means desired torques, and may also be a joint's name."""
     (group,) = find_groups(columns, joints, "torque")
     assert list(group.columns) == columns and group.is_commanded == commanded
+
+
+def test_counts_of_one_joint_are_told_and_taken(tmp_path):
+    """The others are in rad, so that no option for all joints fits."""
+    bench, counts = Bench(tmp_path, 2), np.array([4e4, 1.0])
+    bench.record(LOAD, position=lambda q, k: np.where(counts > 1.0, np.round(counts * q), q))
+    said = bench.refuse()
+    assert "column 'q1' alone has whole numbers" in said and "--scale q_j1=X" in said
+    bench.accept("--position-unit", "rad", "--scale", "q_j1=0.000025")
+
+
+def test_a_slide_may_have_words_of_its_own():
+    columns = ["Zeit [s]", "Winkel_A1 [°]", "Weg_Z [mm]", "Moment_A1 [Nm]", "Kraft_Z [N]"]
+    found = [find_groups(columns, ["A1", "Z"], kind)[0].columns for kind in ("position", "torque")]
+    assert found == [tuple(columns[1:3]), tuple(columns[3:])]

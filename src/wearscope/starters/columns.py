@@ -21,7 +21,7 @@ KINDS = ("position", "velocity", "torque", "current", "temperature")
 #: Words in columns' names, English and others, that tell the kind of the signal.
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
-    "encoders enc pulse pulses lage th",
+    "encoders enc pulse pulses lage th weg verfahrweg hub stroke travel displacement",
     "velocity": "qd dq qp dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
     "geschwindigkeit drehzahl vitesse",
     "acceleration": "qdd ddq acc accel acceleration accelerations",

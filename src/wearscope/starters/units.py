@@ -120,11 +120,19 @@ def position_unit(
                     f"{largest:.3g}, which is the size of {scale.base} (else --position-unit {scale.base})."
                 )
             continue
-        if largest > _COUNTS and np.all(part == np.round(part)):
+        counted = (np.abs(part).max(axis=0, initial=0.0) > _COUNTS) & (part == np.round(part)).all(axis=0)
+        if counted.all():
             raise InputError(
                 f"{file}: its positions are whole numbers of up to {largest:.6g}, as counts of an encoder "
                 "are; give --counts-per-turn (with --side motor those of a motor's turn), or "
                 f"--position-unit {scale.small}."
+            )
+        if counted.any():
+            one = own[int(np.argmax(counted))]
+            raise InputError(
+                f"{file}: column '{group.columns[one]}' alone has whole numbers, as counts of an encoder do; "
+                f"give --position-unit {scale.base} and --scale q_{ordered[one].name}=X, X being "
+                f"{scale.base} for one count, or --position-unit {scale.small}."
             )
         small = mapped.side == "joint" and _are_small(file, group, part, [ordered[k] for k in own], scale)
         unit[own] = scale.factor if small else 1.0

@@ -147,12 +147,13 @@ def tell_payload(after: Regression) -> list[str]:
     impossible = less or np.linalg.norm(moment) > reach * heaviest
     if share < _ALIKE or impossible or not (weighed or np.any(ends[:, 0] * ends[:, 1] > 0.0)):
         return []
-    told = (
-        f"{found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
-        if weighed
-        else f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in moment)} kg m about the frame "
-        f"of {prepared.dataset.joints[-1]}"
-    )
+    if weighed:
+        told = f"{found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
+    else:
+        shown = ", ".join(
+            f"{m:+.3g}" for m in np.where(np.abs(moment) < 1e-3 * np.abs(moment).max(), 0.0, moment)
+        )
+        told = f"unknown mass, with moments of {shown} kg m about the frame of {prepared.dataset.joints[-1]}"
     return [
         f"The refitted masses act as a payload of {told} in addition to the stated one: it removes "
         f"{100 * share:.0f} % of the error that they remove. State it, if the machine carries it; otherwise "
