@@ -19,7 +19,6 @@ from wearscope.effects.vocabulary import (
     thermal_friction,
     worn_effect,
 )
-from wearscope.errors import InputError
 from wearscope.robots.fields import Drive
 from wearscope.simulation.plant import STATED_BY_DRIVE
 
@@ -238,28 +237,25 @@ def test_eq_17_holds_where_its_stribeck_speed_is_positive():
     assert EFFECTS["coulomb"].temperatures({}) == (-np.inf, np.inf)
 
 
-def test_a_parameter_without_a_default_must_be_given():
+def test_a_parameter_without_a_default_must_be_given(refuses):
     law = EFFECTS["friction_wear_temperature"]
-    with pytest.raises(InputError, match="here: effect 'friction_wear_temperature' has no value for 'eta3'"):
-        law.check_values({"eta0": 1.0}, "here")
+    refuses(law.check_values, {"eta0": 1.0}, "here")
     law.check_values({"eta0": 1.0, "eta3": 0.1}, "here")
 
 
-def test_parameters_of_links_are_checked_by_the_robot_s_size():
+def test_parameters_of_links_are_checked_by_the_robot_s_size(refuses):
     effect = EFFECTS["inertial_error"].for_robot(2)
     effect.check_values({"mass_2": 1.0}, "here")
-    with pytest.raises(InputError, match="no parameter 'mass_3'"):
-        effect.check_values({"mass_3": 1.0}, "here")
+    refuses(effect.check_values, {"mass_3": 1.0}, "here")
 
 
-def test_own_effects_of_one_name_are_refused():
+def test_own_effects_of_one_name_are_refused(refuses):
     own = [
         Effect("drag", "k v", (Parameter("k", "1"),), "x", ("qd_{joint}",), reference=f"{place}/drag.py")
         for place in "ab"
     ]
     assert "drag" in names_of(candidate_effects([], own[:1], (), 2))
-    with pytest.raises(InputError, match=r"two own effects are called 'drag' \(a/drag.py and b/drag.py\)"):
-        candidate_effects([], own, (), 2)
+    refuses(candidate_effects, [], own, (), 2)
 
 
 def test_selections_name_effects_of_the_vocabulary():
@@ -309,10 +305,9 @@ def test_what_a_passive_joint_holds_is_the_effect_s_torque_without_wear():
 
 
 @pytest.mark.parametrize("value", [-3.0, 4.0, float("nan")])
-def test_a_parameter_beyond_its_bounds_is_refused(value):
+def test_a_parameter_beyond_its_bounds_is_refused(value, refuses):
     effect = Effect("own", "k", (Parameter("k", "N m", -2.0, 3.0),), "x", ("q_{joint}",))
-    with pytest.raises(InputError, match=r"here: own\.k = .* lies outside \[-2\.0, 3\.0\] N m"):
-        effect.check_values({"k": value}, "here")
+    refuses(effect.check_values, {"k": value}, "here")
 
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)

@@ -462,9 +462,11 @@ def question_lines(
     vary the nuisances in turn; every fourth of them has no wear.
     """
     names = [factor.name for factor in factors]
-    unknown = [name for name in questions if name not in names or name == FAULT]
-    if unknown or not questions:
-        raise InputError(f"filling: questions {list(questions)}; name nuisances among {', '.join(names)}.")
+    nuisances = [name for name in names if name != FAULT]
+    if not questions or not set(questions) <= set(nuisances):
+        raise InputError(
+            f"filling: questions {list(questions)}; name nuisances among {', '.join(nuisances)}."
+        )
     nominal = nominal_levels(factors)
     z0 = np.array([nominal[name] for name in names])
     rows = [z0] if points else []
