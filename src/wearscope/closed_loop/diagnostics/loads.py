@@ -149,15 +149,16 @@ def tell_payload(after: Regression) -> list[str]:
         return []
     if weighed:
         told = f"{found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
+        other = "the last links are that much heavier or lighter"
     else:
-        shown = ", ".join(
-            f"{m:+.3g}" for m in np.where(np.abs(moment) < 1e-3 * np.abs(moment).max(), 0.0, moment)
-        )
-        told = f"unknown mass, with moments of {shown} kg m about the frame of {prepared.dataset.joints[-1]}"
+        some = np.where(np.abs(moment) < 1e-3 * np.abs(moment).max(), 0.0, moment)
+        told = f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in some)} kg m about the frame "
+        told += f"of {prepared.dataset.joints[-1]}"
+        other = "the last links' weight is off by as much, or a balancer carries it"
     return [
         f"The refitted masses act as a payload of {told} in addition to the stated one: it removes "
         f"{100 * share:.0f} % of the error that they remove. State it, if the machine carries it; otherwise "
-        "the last links are that much heavier or lighter."
+        f"{other}."
     ]
 
 
