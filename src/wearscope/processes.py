@@ -98,6 +98,16 @@ def keep_compiled() -> None:
         atexit.register(shutil.rmtree, made, ignore_errors=True)
 
 
+def stay_apart() -> None:
+    """Make this process and its children independent of files in the working directory.
+
+    That directory may be an unknown data set; see `isolate`, `ignore_settings_here` and `keep_compiled`.
+    """
+    os.environ.update(isolate(os.environ))
+    ignore_settings_here()
+    keep_compiled()
+
+
 @contextmanager
 def bound_memory(path: str | Path) -> Iterator[None]:
     """Limit the memory for reading a file to `limits.READING_BYTES`, for a ``with`` block.

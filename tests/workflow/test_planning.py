@@ -14,6 +14,7 @@ from calls import call_python
 from wearscope.config import load_config
 from wearscope.jobs.planning import Plan, needs
 from wearscope.jobs.study_files import StudyFiles, find_script_sources, list_tracked, refuse_without_dataset
+from wearscope.storage.files import LIST, show_answer
 from wearscope.storage.tables import write_table
 
 ROOT = Path(__file__).parents[2]
@@ -176,6 +177,25 @@ def test_tracking_without_sessions_ends_in_a_sentence():
     assert "results/tracking/m/report.html" in list_tracked(SimpleNamespace(refusal=""), "results/tracking/m")
     with pytest.raises(SystemExit, match="dataset is missing; name a data set"):
         refuse_without_dataset(None)
+
+
+@pytest.mark.parametrize("plans", [True, False])
+def test_answer_that_lost_a_file_is_shown_again_by_the_process_that_plans(tmp_path, plans):
+    folder, made = tmp_path / "answer", tmp_path / ".made" / "answer"
+    made.mkdir(parents=True)
+    (made / "report.html").write_text("page")
+    show_answer(made, folder)
+    files = StudyFiles(read_quick(), "results/q", str(ROOT), plans=plans)
+    assert files.made_in(str(folder)) == str(made)
+    assert files.shown(str(folder)) == [str(made / LIST)] and (made / LIST).is_file()
+    (folder / "report.html").unlink()
+    assert files.shown(str(folder)) == [str(made / LIST)] and (made / LIST).is_file() != plans
+
+
+def test_answer_in_a_storage_is_made_in_its_final_folder():
+    files = StudyFiles(read_quick(), "results/q", str(ROOT), carried=True)
+    assert files.made_in("results/closed_loop/m") == "results/closed_loop/m"
+    assert files.shown("results/closed_loop/m") == []
 
 
 def test_a_refused_robot_ends_the_run_in_its_sentence():

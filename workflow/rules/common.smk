@@ -4,7 +4,6 @@ import os
 import re
 import sys
 import time
-from contextlib import ExitStack
 from pathlib import Path
 
 from snakemake.io import sourcecache_entry
@@ -21,23 +20,12 @@ if os.path.isdir(SRC):
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [SRC, inherited.get("PYTHONPATH")])))
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
-from wearscope.processes import (
-    MAIN,
-    STARTER,
-    end_with,
-    identify_process,
-    ignore_settings_here,
-    isolate,
-    keep_compiled,
-)
+from wearscope.processes import stay_apart
 
 # No job may import modules or read settings from the working directory, which may be an unknown data set.
-ignore_settings_here()
-os.environ.update(isolate(os.environ))
-keep_compiled()
+stay_apart()
 
 from wearscope.cli.study import read_yaml
-from wearscope.cli.workflow import wait_turn
 from wearscope.config import load_config
 from wearscope.config.study import label
 from wearscope.jobs.planning import Plan, needs
@@ -45,7 +33,6 @@ from wearscope.jobs.study_files import ROOT as PACKAGE
 from wearscope.jobs.study_files import plugin_file
 from wearscope.jobs.study_files import StudyFiles, list_tracked, refuse_without_dataset, tell
 from wearscope.storage.files import check_folder
-from wearscope.storage.files import LIST, MADE, forget_lost
 
 # A file given with --configfile is the complete study: no setting of the default configuration is added.
 STUDY_FILE = "config/config.yaml" if os.path.isfile("config/config.yaml") else f"{HOME}/config/config.yaml"
@@ -63,25 +50,6 @@ if not GIVEN:
 STUDY = tell(load_config, config)
 for made in (STUDY.study, "closed_loop", "detection", "export", "tracking"):
     tell(check_folder, f"results/{made}")
-
-# If a job (partitions.smk) or `wearscope` has started this process, it ends with that one, which holds the lock.
-STARTED_BY = os.environ.pop(STARTER, "")
-end_with(STARTED_BY)
-# Two runs of one study at once would not see each other's new files. So this run waits with its planning until another
-# has ended, and locks the folder when it starts (scheduler.smk). A dry run need not wait.
-TURN = ExitStack()
-OWN_TURN = workflow.is_main_process and not STARTED_BY and not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}
-
-
-def take_turn():
-    tell(TURN.enter_context, wait_turn(Path(), lambda told: print(told, file=sys.stderr)))
-
-
-if OWN_TURN and os.path.lexists("results/.wearscope.lock"):
-    take_turn()
-    TURN.close()
-# Every job ends with this process, even if only this process is killed.
-os.environ[MAIN] = identify_process(os.getpid())
 
 # A study of many robots is run by partitions, each a study of its own robots in its own folder.
 PARTITIONS = {f"{part.partitions.number:05d}": part for part in STUDY.divide()}
@@ -104,20 +72,6 @@ def here(files):
     return [sourcecache_entry(file, file) for file in files] if CARRIED else files
 
 
-def made_in(folder):
-    """Return the folder in which an answer is made before it is shown; with a storage plugin, its final folder."""
-    return folder if CARRIED else os.path.join(os.path.dirname(folder), MADE, os.path.basename(folder))
-
-
-def shown(folder):
-    """Return the output that marks an answer as shown; delete it first if a file of the answer is missing."""
-    if CARRIED:
-        return []
-    if workflow.is_main_process:
-        forget_lost(Path(made_in(folder)), Path(folder))
-    return [f"{made_in(folder)}/{LIST}"]
-
-
 # Answers of a study, its demonstration and its reevaluation are made in `parts`; the job that writes a page shows all
 # of its files together.
 ANSWER = f"{R}/parts/answer"
@@ -132,8 +86,9 @@ def shown_together(folder, *names):
     return [show_later(f"{folder}/{name}") for name in names]
 
 
-FILES = StudyFiles(STUDY, R, HOME, here)
+FILES = StudyFiles(STUDY, R, HOME, here, CARRIED, workflow.is_main_process)
 code, installed = FILES.code, FILES.installed
+made_in, shown = FILES.made_in, FILES.shown
 robot_files, robot_effects = FILES.robot_files, FILES.robot_effects
 cycle_files, detector_files, effect_files = FILES.cycle_files, FILES.detector_files, FILES.effect_files
 # Robots as the configuration names them, and as they are simulated: with laws taken over from other robots.

@@ -11,7 +11,7 @@ import click
 
 from wearscope.cli.progress import say
 from wearscope.errors import InputError
-from wearscope.processes import end_process, ignore_settings_here, isolate, keep_compiled, open_standard
+from wearscope.processes import end_process, open_standard, stay_apart
 from wearscope.storage.files import FULL, explain_unwritten
 
 # Arrow's own memory pool reserves a gigabyte, which would hide how much memory reading a file takes from
@@ -104,9 +104,7 @@ def wearscope() -> None:
 def main() -> None:
     """Run the command; bad input, and errors of the operating system, end it with one sentence."""
     open_standard()
-    os.environ.update(isolate(os.environ))
-    ignore_settings_here()
-    keep_compiled()
+    stay_apart()
     try:
         _check_words()
         wearscope(prog_name="wearscope")

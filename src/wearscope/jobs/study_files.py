@@ -26,6 +26,7 @@ from wearscope.robots.model_file import (
     locate_effect,
     read_model_file,
 )
+from wearscope.storage.files import LIST, forget_lost, made_in
 from wearscope.storage.plain_yaml import take_label
 from wearscope.tracking.session_names import Tracked
 
@@ -287,6 +288,10 @@ class StudyFiles:
         Folder that holds the Snakefile and ``workflow``.
     flag : callable
         Marks a list of paths as source files for Snakemake, which no job makes.
+    carried : bool
+        Whether a storage plugin transfers the files of each job.
+    plans : bool
+        Whether this process plans the jobs, as Snakemake's main process does.
 
     Attributes
     ----------
@@ -301,9 +306,15 @@ class StudyFiles:
     """
 
     def __init__(
-        self, study: StudyConfig, folder: str, home: str, flag: Callable[[list[str]], list[Any]] = list
+        self,
+        study: StudyConfig,
+        folder: str,
+        home: str,
+        flag: Callable[[list[str]], list[Any]] = list,
+        carried: bool = False,
+        plans: bool = False,
     ) -> None:
-        self.study, self.home, self.flag = study, home, flag
+        self.study, self.home, self.flag, self.carried, self.plans = study, home, flag, carried, plans
         self.named_robots = {label(reference): reference for reference in study.robots}
         self.robots = self.named_robots | {
             robot: f"{folder}/robots/{robot}.yaml" for robot in self.named_robots if robot in study.carry_over
@@ -382,6 +393,25 @@ class StudyFiles:
     def effect_files(self) -> list[str]:
         """List the files of all built-in effects: a closed loop may try each."""
         return sorted(str(file) for file in (ROOT / "effects").iterdir())
+
+    def made_in(self, folder: str) -> str:
+        """Return the folder in which an answer is made before it is shown.
+
+        With a storage plugin it is the answer's final folder.
+        """
+        return folder if self.carried else str(made_in(Path(folder)))
+
+    def shown(self, folder: str) -> list[str]:
+        """List the output that marks an answer as shown; with a storage plugin there is none.
+
+        If a file of the answer is missing, the process that plans the jobs deletes the mark, so that a job
+        shows the answer again.
+        """
+        if self.carried:
+            return []
+        if self.plans:
+            forget_lost(Path(self.made_in(folder)), Path(folder))
+        return [f"{self.made_in(folder)}/{LIST}"]
 
     def own_effects(self) -> list[Any]:
         """List the existing files of the user's own effects that the configuration names."""

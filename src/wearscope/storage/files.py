@@ -458,7 +458,7 @@ def settle(folder: Path) -> None:
             if (ready / name).exists():
                 os.replace(ready / name, folder / name)
             set_aside(folder / name).unlink(missing_ok=True)
-        places, made = [folder, *folder.parents], _made_in(folder)
+        places, made = [folder, *folder.parents], made_in(folder)
         root = next((one for one in places if (one / CHECKSUMS).is_dir()), folder.parent)
         record_checksums(root, [folder / name for name in names], made / LIST if made.is_dir() else "")
         os.replace(ready / LIST, folder / f".{LIST}")
@@ -516,7 +516,7 @@ def _is_busy(path: Path) -> bool:
     return False
 
 
-def _made_in(folder: Path) -> Path:
+def made_in(folder: Path) -> Path:
     """Return the folder in which jobs make the answer of a given folder; a study uses its own instead."""
     return folder.parent / MADE / folder.name
 
@@ -526,4 +526,4 @@ def _list_shown(folder: Path) -> list[str]:
     kept = folder / f".{LIST}"
     if kept.is_file():
         return [str(name) for name in json.loads(kept.read_text(encoding="utf-8"))]
-    return [file.name for pattern in _EARLIER * _made_in(folder).is_dir() for file in folder.glob(pattern)]
+    return [file.name for pattern in _EARLIER * made_in(folder).is_dir() for file in folder.glob(pattern)]
