@@ -429,3 +429,22 @@ def test_printed_signs_in_columns_of_text_are_signs(tmp_path):
     text.to_parquet(tmp_path / "signs.parquet")
     frame, _ = read_recording(tmp_path / "signs.parquet")
     assert np.allclose(frame.astype(float), table()) and (table() < 0).any().any()
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda row: str(list(np.array(row))),
+        lambda row: str(tuple(np.array(row))),
+        lambda row: repr(np.array(row)),
+        lambda row: repr(np.array(row, dtype=np.float32)),
+        lambda row: f"array('d', {row})",
+        lambda row: f"tensor({row})",
+    ],
+    ids=["numbers of numpy", "tuple", "array", "array of single precision", "standard array", "tensor"],
+)
+def test_lists_as_python_prints_them_are_read(write):
+    rows = [[0.25, -1.5], [3.0, 1e-05]]
+    frame = spread_states(pd.DataFrame({"time": [0.0, 0.1], "position": [write(row) for row in rows]}))
+    assert list(frame.columns) == ["time", "position_0", "position_1"]
+    np.testing.assert_allclose(frame[["position_0", "position_1"]].astype(float), rows, rtol=1e-6)

@@ -21,12 +21,12 @@ KINDS = ("position", "velocity", "torque", "current", "temperature")
 #: Words in columns' names, English and others, that tell the kind of the signal.
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
-    "encoders enc pulse pulses lage th weg verfahrweg hub stroke travel displacement",
+    "encoders enc pulse pulses lage posicion th weg verfahrweg hub stroke travel displacement",
     "velocity": "qd dq qp dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
-    "geschwindigkeit drehzahl vitesse",
+    "geschwindigkeit drehzahl vitesse velocidad",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
-    "torque": "tau torque torques torq trq tq frc effort efforts eff moment moments momenten mom drehmoment "
-    "couple force forces qfrc kraft",
+    "torque": "tau torque torques torq tor trq tq frc effort efforts eff moment moments momenten mom "
+    "drehmoment couple force forces qfrc kraft",
     "current": "i iq current currents curr cur amp amps ampere strom courant",
     "temperature": "temp temperature temperatures temperatur",
 }
@@ -50,7 +50,7 @@ _TARGET = set(
     "action computed calculated predicted".split()
 )
 _OTHER = set(
-    "tcp tool pose cartesian error err diff disturbance limit max min std window raw ext external est "
+    "tcp tool pose cartesian error err diff disturbance dist limit max min std window raw ext external est "
     "estimated model simulated ff feedforward".split()
 )
 #: A column whose words are all among these names a joint but no kind; it is taken for the position.
@@ -60,7 +60,8 @@ _BARE = (
     | set("joint joints axis axes rax jnt j egm state states observation robot value".split())
 )
 _TIME = set(
-    "t ts time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel ipoc".split()
+    "t ts time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel temps tiempo "
+    "ipoc".split()
 )
 _SECONDS = set("sec secs second seconds sekunden".split())
 #: Revolutions per minute, as makers of drives write them.

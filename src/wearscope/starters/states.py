@@ -13,8 +13,10 @@ from wearscope import limits
 from wearscope.errors import InputError
 from wearscope.starters.columns import find_time, split_name
 
-#: A cell that is a list in text; a column's name with a number at its end.
-_LIST = re.compile(r"[\[(].*[,\s].*[\])]", re.DOTALL)
+#: A cell that is a list in text, perhaps as Python prints arrays; a column's name with a number at its end.
+_LIST = re.compile(r"(?:[a-z.]+\()?[\[('].*[,\s].*[\])]", re.DOTALL)
+#: What Python writes around numbers, such as ``np.float64(0.1)`` or ``array([0.1, 0.2], dtype=float32)``.
+_WRAPPED = re.compile(r"(?:np\.|numpy\.)?(?:float\d*|array|tensor)\((?:'[df]', *)?|(?:, *dtype=[\w.]+)?\)")
 _NUMBERED = re.compile(r"(.*?)(name|position|velocity|effort)s?[_.\[]?(\d+)\]?", re.IGNORECASE)
 
 #: Words of a column that names the joint of each row.
@@ -51,7 +53,8 @@ def spread_states(frame: pd.DataFrame) -> pd.DataFrame:
                 f"column '{name}': has lists of more than {limits.COLUMNS} values; leave it out."
             )
         if isinstance(first, str) and _LIST.fullmatch(first.strip()):
-            cells = column.astype(str).str.strip("[]() \n").str.split(r"\s*,\s*|\s+", regex=True, expand=True)
+            plain = column.astype(str).str.replace(_WRAPPED, "", regex=True)
+            cells = plain.str.strip("[]() \n").str.split(r"\s*,\s*|\s+", regex=True, expand=True)
         elif listed and size:
             cells = pd.DataFrame(column.tolist(), index=frame.index)
         else:
