@@ -170,7 +170,7 @@ def find_terms(
         model = moves.settle(take_over(model.problem, start).rescale().rescale())
     for _ in range(_TURNS):
         before = {t.key for t in model.terms}
-        model = moves.settle(moves.suit_laws(moves.climb(model)))
+        model = moves.settle(moves.suit_laws(moves.split(moves.climb(model))))
         if {t.key for t in model.terms} == before:
             break
     model = moves.settle(moves.explain_rest(model))

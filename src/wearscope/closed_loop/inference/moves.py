@@ -76,7 +76,6 @@ class Moves:
                 or self.drop(model)
                 or self.swap(model)
                 or self.add_pair(model)
-                or self.split(model)
                 or self.refuse_delays(model)
             )
             if moved is None:
@@ -203,13 +202,13 @@ class Moves:
                 return self.refine(rest.extend(best), best).rescale()
         return None
 
-    def split(self, model: Model) -> Model | None:
-        """A model with several terms in the place of one of the whole robot, where that is more probable.
+    def split(self, model: Model) -> Model:
+        """The model, or one with several terms in the place of one of the whole robot, if more probable.
 
         Such a term has many parameters, and can imitate effects of several joints that each explain a part.
         """
         if model.keys in self.whole:
-            return None
+            return model
         self.whole.add(model.keys)
         for term in [t for t in model.terms if t.effect.per_robot and t.effect.name not in self.without]:
             rest = model.without(term)
@@ -218,8 +217,9 @@ class Moves:
             gain = self.score.compare(model, tried)
             if gain > SURELY and self.is_new(tried):
                 self.tell(f"{self.name(term)} is replaced by several effects", gain)
-                return tried
-        return None
+                self.left.add(model.keys)
+                return self.climb(tried)
+        return model
 
     def list_every_extension(self, model: Model, joints: Iterable[int]) -> list[Extension]:
         """Offers of effects that are not left out."""
