@@ -40,7 +40,7 @@ def test_parameters_are_those_of_least_squares_on_the_rows(model):
 
 
 def test_only_coefficients_that_the_rows_determine_count(record, pose, declared_model):
-    """The trace of the matrix that takes torques to predictions; a payload's motion shows few coefficients."""
+    """The trace of the matrix from torques to predictions; a motion shows few of a payload's coefficients."""
     given = declared_model(pose(record(seed=3, runs=3, duration=6.0)))
     forms = list_extensions(given, [1], lambda effect, _: effect.name == "payload_error")
     made = given.extend(max((o.term for o in forms), key=lambda term: len(term.subset)))
