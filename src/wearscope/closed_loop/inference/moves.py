@@ -269,8 +269,9 @@ class Moves:
     def suit_laws(self, model: Model) -> Model:
         """The model with the most probable laws of friction, each with the reversal that suits it."""
         prepared = model.problem.prepared
-        for joint in np.flatnonzero(prepared.moving & (prepared.reversals.width > 0.0)).tolist():
-            own = [t for t in model.terms if t.joint == joint and is_law(t.effect)]
+        for joint in np.flatnonzero(prepared.moving).tolist():
+            # An offset acts like friction that differs by direction, except where the joint reverses.
+            own = [t for t in model.terms if t.joint == joint and (is_law(t.effect) or t.effect.is_offset)]
             none: list[Term | None] = [None] if self.needs_law(model, joint) else []
             for term in own or none:
                 model = self.suit_law(model, joint, term)
