@@ -1,16 +1,20 @@
 """From the folder to what is said of each session, with the truth planted."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from changed_fields import changed_fields
 from session_machine import HEALTHY
 
+from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
+from wearscope.tracking.changes import plain_term
 from wearscope.tracking.reference import identify_reference
 from wearscope.tracking.session import assess_session, list_entries
 from wearscope.tracking.session_names import read_sessions
+from wearscope.tracking.session_runs import prepare_runs, read_session
 from wearscope.tracking.storage import load_reference, save_reference
 
 COULOMB, VISCOUS = 6.0, 4.0
@@ -121,6 +125,26 @@ def test_without_a_thermometer_friction_cannot_be_told_but_a_load_can(write):
     assert text.startswith("The friction of a changed by +1")
     assert "records no temp_a. Record it" in text
     assert [c.effects for c in loaded.named] == [["payload_error"]] and loaded.cannot_tell == []
+
+
+def test_an_unknown_temperature_may_change_all_of_a_joint_s_friction(sessions, reference):
+    """Else its other parts tell wear from temperature, which acts on them as well."""
+    structure, term = reference.structure, plain_term(load_effect("stribeck"), 0)
+    structure = replace(
+        structure,
+        entries=(*structure.entries, term),
+        theta=np.append(structure.theta, 1.5 * np.ones(len(term.subset))),
+        temperature=np.full(structure.n, np.nan),
+    )
+    signals = structure.operate(prepare_runs(read_session(sessions, "s5"), structure.frame)[0][0])
+    own = [
+        entry.columns(signals)[:, 0] @ structure.theta[span]
+        for entry, span in zip(structure.entries, structure.spans, strict=True)
+        if entry.joint == 0 and entry.effect.is_friction
+    ]
+    friction, columns = np.sum(own, axis=0), structure.unrecorded_columns(signals)[:, 0]
+    left = friction - columns @ np.linalg.lstsq(columns, friction, rcond=None)[0]
+    assert len(own) == 3 and np.abs(left).max() < 1e-9 * np.abs(friction).max()
 
 
 def test_one_healthy_session_is_enough_and_assumes_its_scatter(write):

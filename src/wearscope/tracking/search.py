@@ -17,7 +17,7 @@ _FAR = 4.0
 #: of the joint's torque.
 _LEAST_FRICTION, _LEAST_TORQUE = 0.02, 0.005
 #: p-value above which a change may be zero; standard errors by which a body may lie beyond the arm's reach.
-_CHANCE, _SURE = 0.05, 2.0
+CHANCE, _SURE = 0.05, 2.0
 #: Two changes cancel where the RMS torque of their sum is below this share of the smaller change's.
 _CANCEL = 0.5
 
@@ -116,7 +116,7 @@ class _Search:
     def _is_possible(self, fit: Fit, change: Change) -> bool:
         """Whether a fitted change is significant, large enough, and within what a machine can do."""
         value, error = fit.values[change.key], fit.error(change)
-        if fit.p_value(change) > _CHANCE:
+        if fit.p_value(change) > CHANCE:
             return False
         scales = self.evidence.structure.scales
         friction = any(term.effect.is_friction for term in change.terms)

@@ -17,7 +17,7 @@ from wearscope.tracking.changes import BODY, FRICTION, Change
 from wearscope.tracking.evidence import FALSE_ALARM_RATE, Evidence, Fit, invert
 from wearscope.tracking.reference import Reference, leave_changes
 from wearscope.tracking.rows import hold_temperatures, make_rows
-from wearscope.tracking.search import Found, find_changes
+from wearscope.tracking.search import CHANCE, Found, find_changes
 from wearscope.tracking.session_names import Sessions
 from wearscope.tracking.session_runs import prepare_runs, read_session
 from wearscope.tracking.structure import Structure
@@ -106,8 +106,8 @@ def assess_runs(
     if known is not evidence:
         evidence.weigh(known.variance)
         for change in [c for c in named if c.kind == FRICTION]:
-            rest = [c for c in named if c is not change]
-            if evidence.compare(evidence.fit(rest), evidence.fit(named)) < 0.0:
+            rest, with_it = [c for c in named if c is not change], evidence.fit(named)
+            if with_it.p_value(change) > CHANCE or evidence.compare(evidence.fit(rest), with_it) < 0.0:
                 named, hidden[change.joint] = rest, tell_size(known, found.fit, change)
     cannot_tell = [
         f"The friction of {structure.joints[j]} changed by {size}, by wear or by its temperature: "

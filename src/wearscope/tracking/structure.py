@@ -17,6 +17,7 @@ from wearscope.closed_loop.model.joint_flexibility import rigid_link_torque, sol
 from wearscope.closed_loop.model.prediction import find_lags, predict_motor
 from wearscope.closed_loop.model.terms import ModelTerm
 from wearscope.effects.base import Signals
+from wearscope.effects.vocabulary import plain_friction
 from wearscope.tracking.session_runs import Frame
 
 if TYPE_CHECKING:
@@ -170,6 +171,14 @@ class Structure:
         size = self.scales.friction[joint]
         return size * signals.sign[:, joint], size / self.scales.speed[joint] * signals.v[:, joint]
 
+    def other_friction(self, signals: Signals, joint: int) -> np.ndarray:
+        """Torque (N,) of the joint's friction that is neither Coulomb nor viscous, as in the reference."""
+        plain, torque = [effect.name for effect in plain_friction()], np.zeros(len(signals.t))
+        for entry, span in zip(self.entries, self.spans, strict=True):
+            if entry.joint == joint and entry.effect.is_friction and entry.effect.name not in plain:
+                torque = torque + entry.columns(signals)[:, joint] @ self.theta[span]
+        return torque
+
     def place(self, joint: int, columns: np.ndarray) -> np.ndarray:
         """Columns (N, p) of one joint's torque as regressors (N, n, p)."""
         placed = np.zeros((len(columns), self.n, columns.shape[1]))
@@ -200,7 +209,6 @@ class Structure:
                 continue
             if np.isfinite(self.temperature[j]) and np.isfinite(signals.temperature[:, j]).all():
                 continue
-            parts += [
-                self.place(j, SLOPE * UNRECORDED * one[:, None]) for one in self.friction_columns(signals, j)
-            ]
+            own = (*self.friction_columns(signals, j), self.other_friction(signals, j))
+            parts += [self.place(j, SLOPE * UNRECORDED * one[:, None]) for one in own if one.any()]
         return np.concatenate(parts, axis=2)
