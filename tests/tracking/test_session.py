@@ -144,7 +144,7 @@ def test_an_unknown_temperature_may_change_all_of_a_joint_s_friction(sessions, r
     ]
     friction, columns = np.sum(own, axis=0), structure.unrecorded_columns(signals)[:, 0]
     left = friction - columns @ np.linalg.lstsq(columns, friction, rcond=None)[0]
-    assert len(own) == 3 and np.abs(left).max() < 1e-9 * np.abs(friction).max()
+    assert len(own) > 2 and np.abs(left).max() < 1e-9 * np.abs(friction).max()
 
 
 def test_one_healthy_session_is_enough_and_assumes_its_scatter(write):
