@@ -28,7 +28,9 @@ def found(folder):
 
 
 def test_the_torque_s_noise_is_that_recorded(found):
-    np.testing.assert_allclose(estimate_torque_noise(found.prepared), NOISE, rtol=0.05)
+    np.testing.assert_allclose(
+        estimate_torque_noise([run.tau for run in found.prepared.runs]), NOISE, rtol=0.05
+    )
     np.testing.assert_allclose(found.models["after"].torque_noise, NOISE, rtol=0.05)
 
 

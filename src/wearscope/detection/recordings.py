@@ -54,11 +54,6 @@ def bridge_events(prepared: Prepared) -> tuple[Prepared, list[Event]]:
     return replace(prepared, runs=runs), events
 
 
-#: Ratios of standard deviations: of the second difference of white noise to the noise itself; of a normal
-#: sample to its median magnitude.
-_SECOND, _NORMAL = np.sqrt(6.0), 1.4826
-
-
 @dataclass(frozen=True, eq=False)
 class Recorded:
     """One recording.
@@ -222,16 +217,6 @@ def _refusal(one: Recorded, groups: list[MotionGroup], reasons: list[str | None]
         f"{one.file} is of another motion than the nominal {what}{others}; record the nominal motion, or add "
         "a nominal recording of this one."
     )
-
-
-def estimate_torque_noise(torques: list[Array]) -> Array:
-    """Standard deviation (n,) of white noise on recorded torques (N, n), from their second differences.
-
-    It is their median magnitude, scaled as for normal noise. Jumps at reversals and slow changes of the
-    torque hardly count in it. Noise that the drive has filtered is underestimated.
-    """
-    second = np.concatenate([np.diff(tau, 2, axis=0) for tau in torques])
-    return _NORMAL * np.median(np.abs(second), axis=0) / _SECOND
 
 
 #: A joint counts as moving above this share of its highest speed.

@@ -18,6 +18,7 @@ from wearscope.closed_loop.intake.plausibility import check_plausibility
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.intake.preprocessing import prepare
 from wearscope.closed_loop.intake.recording import Run, estimate_quantum
+from wearscope.closed_loop.model.correction import estimate_torque_noise
 from wearscope.closed_loop.model.events import Event
 from wearscope.closed_loop.posing import read_measured
 from wearscope.cycles.base import Reference
@@ -28,7 +29,6 @@ from wearscope.detection.recordings import (
     Refused,
     bridge_events,
     cut_rests,
-    estimate_torque_noise,
     sort_recordings,
 )
 from wearscope.detection.thresholds import Cell, fit_panel, least_runs, read_units
@@ -256,7 +256,7 @@ def _complete_sensors(prepared: Prepared, group: MotionGroup, model: RobotModel)
     said = "the model"
     if not np.any(model.torque_noise):
         said = "the nominal recordings"
-        sensors["torque_noise"] = estimate_torque_noise([run.tau for run in runs]).tolist()
+        sensors["torque_noise"] = estimate_torque_noise([run.tau for run in runs])
     if model.sensors.encoder_resolution is None:
         steps = [run.quantum for run in runs if run.quantum is not None]
         sensors["encoder_resolution"] = np.max(steps, axis=0).tolist() if steps else [0.0] * model.n

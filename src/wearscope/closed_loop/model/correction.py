@@ -38,15 +38,20 @@ def _limits(prepared: Prepared) -> dict[str, list[float]]:
     }
 
 
-def estimate_torque_noise(prepared: Prepared) -> list[float]:
+def estimate_torque_noise(torques: Sequence[np.ndarray], kept: float = 1.0) -> list[float]:
     """Standard deviation of white noise on each joint's recorded torque, from its third differences.
 
-    Motion is smooth from sample to sample, noise is not; the median is robust against reversals.
+    Motion is smooth from sample to sample, noise is not; the median is robust against reversals. Noise that
+    the drive has filtered is underestimated.
+
+    Parameters
+    ----------
+    torques : sequence of ndarray (N, n)
+    kept : float
+        Share of the recorded rate that was kept: thinned recordings lost the noise above their new rate.
     """
-    differences = [np.diff(run.tau, 3, axis=0) for run in prepared.runs]
+    differences = [np.diff(tau, 3, axis=0) for tau in torques]
     size = np.median(np.abs(np.concatenate(differences)), axis=0) * 1.4826 / np.sqrt(20.0)
-    # Decimated recordings lost the noise above their new rate.
-    kept = prepared.band.rate / prepared.dataset.fields.sample_rate
     return [float(value) for value in size / np.sqrt(min(kept, 1.0))]
 
 
@@ -112,7 +117,9 @@ def make_corrected_model(
         "gravity": list(robot.gravity),
         "drive": drive,
         "sensors": {
-            "torque_noise": estimate_torque_noise(prepared),
+            "torque_noise": estimate_torque_noise(
+                [run.tau for run in prepared.runs], prepared.band.rate / dataset.fields.sample_rate
+            ),
             "sample_rate": dataset.fields.sample_rate,
         },
         "payload": state_payload(payload),
