@@ -6,15 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from changed_fields import changed_fields
+from folders import change_runs
 from session_machine import HEALTHY
 
+from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.model.prediction import refit
 from wearscope.effects.base import load_effect
 from wearscope.errors import InputError
 from wearscope.tracking.changes import plain_term
-from wearscope.tracking.reference import identify_reference
+from wearscope.tracking.reference import add_shown, choose_terms, identify_reference
 from wearscope.tracking.session import assess_session, list_entries
 from wearscope.tracking.session_names import read_sessions
-from wearscope.tracking.session_runs import prepare_runs, read_session
+from wearscope.tracking.session_runs import prepare_runs, read_reference, read_session
 from wearscope.tracking.storage import load_reference, save_reference
 
 COULOMB, VISCOUS = 6.0, 4.0
@@ -145,6 +148,18 @@ def test_an_unknown_temperature_may_change_all_of_a_joint_s_friction(sessions, r
     friction, columns = np.sum(own, axis=0), structure.unrecorded_columns(signals)[:, 0]
     left = friction - columns @ np.linalg.lstsq(columns, friction, rcond=None)[0]
     assert len(own) > 2 and np.abs(left).max() < 1e-9 * np.abs(friction).max()
+
+
+def test_what_all_healthy_sessions_show_belongs_to_the_machine(write):
+    """A spring that the closed loop had left out would be a change in a session that shows it better."""
+    folder = write([*HEALTHY, {}], len(HEALTHY))
+    change_runs(folder, lambda table: table.assign(tau_a=table["tau_a"] + 0.6 * table["q_a"]))
+    diagnosis = diagnose(read_reference(read_sessions(folder)))
+    model = choose_terms(diagnosis)
+    less = refit(model, [entry for entry in model.entries if entry.effect.name != "joint_spring"])
+    found = add_shown(diagnosis, less)
+    assert [(e.joint, e.effect.name) for e in found.entries[len(less.entries) :]] == [(0, "joint_spring")]
+    assert len(add_shown(diagnosis, found).entries) == len(found.entries)
 
 
 def test_one_healthy_session_is_enough_and_assumes_its_scatter(write):
