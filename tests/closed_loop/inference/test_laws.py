@@ -114,6 +114,23 @@ def test_shape_and_width_are_recovered_together(record, pose, declared_model):
     assert reversals.width[1] == prepared.reversals.width[1]
 
 
+@pytest.mark.parametrize(
+    ("name", "follow"),
+    [("coulomb_asymmetry", lambda v: np.abs(np.tanh(v / 0.05))), ("torque_offset", np.ones_like)],
+)
+def test_only_the_reversals_tell_friction_that_differs_by_direction_from_an_offset(
+    record, name_terms, name, follow
+):
+    """Each with the reversal that suits it: the width that fits best with the other one is another."""
+
+    def torque(t, q, v, a, rng):
+        added = smooth(0.05)(t, q, v, a, rng)
+        added[:, 0] += 20.0 * follow(v[:, 0])
+        return added
+
+    assert name_terms(record(seed=6, runs=4, extra_torque=torque)) == {(name, 0)}
+
+
 def test_a_law_that_fits_far_worse_wherever_it_starts_is_not_fitted(record, pose):
     problem = pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7))
     model = find_terms(problem, Policy()).model
