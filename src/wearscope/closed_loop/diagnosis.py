@@ -283,7 +283,7 @@ def conclude(
     declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
-    proposed, determined = drop_undetermined(declared, answer.found, sigma, policy.zero_level)
+    proposed, determined = drop_undetermined(declared, answer.found, sigma)
     equivalent = [f.equivalent for f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
@@ -345,12 +345,11 @@ def settle_rests(
 
 
 def drop_undetermined(
-    before: Regression, found: list[Found], sigma: np.ndarray, level: float
+    before: Regression, found: list[Found], sigma: np.ndarray
 ) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
-    Held-out runs speak of a prediction; a name is of a parameter, and one that its own interval does not tell
-    from zero is none.
+    Held-out runs test a prediction; a name states a parameter, so its interval must not hold zero.
 
     Parameters
     ----------
@@ -359,20 +358,18 @@ def drop_undetermined(
     sigma : ndarray (n,)
         Residual scale with the terms found: that of the declared model would weigh the runs too little
         against the prior of the inertial parameters.
-    level : float
-        p-value above which all of a term's coefficients may be zero.
     """
     found = list(found)
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
-        estimates = estimate(after, unnamed=False)[len(before.entries) :]
+        estimates = estimate(after)[len(before.entries) :]
         doubtful = [
-            (e.p_value, k)
+            (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not (f.term.effect.empirical or f.term.effect.per_robot) and not e.p_value <= level
+            if not (f.term.effect.empirical or f.term.effect.per_robot) and e.sureness < 1.0
         ]
         if not doubtful:
             return after, found
-        del found[max(doubtful)[1]]
+        del found[min(doubtful)[1]]
     return before, []

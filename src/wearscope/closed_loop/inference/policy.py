@@ -29,10 +29,6 @@ class Policy(BaseModel):
     share against every other term, since a drift has a level. In a single recording twice these speak against
     what another joint drives: joints start and stop together."""
 
-    zero_level: float = Field(0.05, gt=0, le=1)
-    """p-value (Wald's test, blocks as clusters) above which a name's coefficients may all be zero: its own
-    95 % interval does then not tell it from nothing."""
-
     structure_share: float = Field(0.2, gt=0, lt=1)
     """Least share of the variance left at a joint for structure without a name to be added, and for the joint
     to be `unexplained`: less is a tenth of the RMS error."""

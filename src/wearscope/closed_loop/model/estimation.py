@@ -35,8 +35,8 @@ class JointFit:
         value.
     owners : list of (int, int)
         Entry and shape parameter of each free shape.
-    told, carried : ndarray (p + s,)
-        Information on each value; effective number of clusters that carry it.
+    told : ndarray (p + s,)
+        Information on each value.
     """
 
     theta: np.ndarray
@@ -45,7 +45,6 @@ class JointFit:
     moved: np.ndarray
     owners: list[tuple[int, int]]
     told: np.ndarray
-    carried: np.ndarray
 
 
 @dataclass
@@ -59,15 +58,26 @@ class Estimate:
         Every parameter in use, coefficients and shape.
     intervals : dict of str to tuple
         95 % interval of every parameter that was estimated.
-    p_value : float
-        p-value of the hypothesis that all its coefficients are zero, each first reduced by what another form
-        of a reversal could explain (Wald's F; its degrees of freedom are the informative clusters, less one).
     """
 
     entry: ModelTerm
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
-    p_value: float
+
+    @property
+    def sureness(self) -> float:
+        """Largest size of a coefficient over half its interval; infinite if there is one without an interval.
+
+        Below 1 the intervals of all coefficients hold zero.
+        """
+        names = [self.entry.effect.coefficients[k].name for k in self.entry.subset]
+        sizes = [
+            abs(self.values[name]) / max(0.5 * float(np.ptp(self.intervals[name])), 1e-300)
+            if name in self.intervals
+            else np.inf
+            for name in names
+        ]
+        return float(max(sizes))
 
 
 #: Step of the logarithm of a reversal's width for the derivative; prior standard deviation of another form's
@@ -223,7 +233,7 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
     if unnamed:
         width = np.maximum(width, _measure_by_part(model, inverse, scores))
-    return JointFit(theta, covariance, width + moved, moved, owners, told, carried)
+    return JointFit(theta, covariance, width + moved, moved, owners, told)
 
 
 def _measure_by_part(model: Regression, inverse: np.ndarray, scores: np.ndarray) -> np.ndarray:
@@ -276,12 +286,7 @@ def estimate(model: Regression, unnamed: bool = True) -> list[Estimate]:
                     float(entry.shape[k] - width[index]),
                     float(entry.shape[k] + width[index]),
                 )
-        own = joint.covariance[span, span]
-        sure = np.sign(theta[span]) * np.maximum(np.abs(theta[span]) - joint.moved[span], 0.0)
-        wald = float(sure @ np.linalg.pinv(own, hermitian=True) @ sure) / len(sure)
-        clusters = max(float(joint.carried[span].max()) - 1.0, 1.0)
-        p_value = float(stats.f.sf(wald, len(sure), clusters))
-        estimates.append(Estimate(entry, values, intervals, p_value))
+        estimates.append(Estimate(entry, values, intervals))
     return estimates
 
 
