@@ -39,23 +39,6 @@ def test_parameters_are_those_of_least_squares_on_the_rows(model):
     np.testing.assert_allclose(model.fit.theta, solve(model, every), rtol=1e-6, atol=1e-9)
 
 
-def test_only_coefficients_that_the_rows_determine_count(record, pose, declared_model):
-    """The trace of the matrix from torques to predictions; a motion shows few of a payload's coefficients."""
-    given = declared_model(pose(record(seed=3, runs=3, duration=6.0)))
-    forms = list_extensions(given, [1], lambda effect, _: effect.name == "payload_error")
-    made = given.extend(max((o.term for o in forms), key=lambda term: len(term.subset)))
-    fit, gram = made.fit, made.problem.gram
-    normal = np.zeros((fit.p, fit.p))
-    for j in range(2):
-        own = np.zeros((gram.layout.keep[:, j].sum(), fit.p))
-        own[:, fit.at[j]] = fit.columns(j)[gram.layout.keep[:, j]] / fit.sigma[j]
-        normal += own.T @ own
-    leverage = np.trace(np.linalg.solve(normal + fit.prior, normal))
-    assert fit.freedom.sum() == pytest.approx(leverage, rel=1e-6)
-    assert fit.freedom[:-1] == pytest.approx([len(t.subset) for t in fit.terms[:-1]], abs=0.1)
-    assert len(fit.terms[-1].subset) == 10 and 2.5 < fit.freedom[-1] < 6.5
-
-
 def test_what_is_held_out_is_predicted_from_the_other_rows(model):
     gram, fit = model.problem.gram, model.fit
     units = gram.layout.units

@@ -63,13 +63,13 @@ def _find_sizes(
     squares = np.trace(np.linalg.solve(gram, added.inner), axis1=1, axis2=2) / m
     named = model.extend(Term(candidate, tuple(subset), 0, tried))
     loss = (fit.fitted[joint] + score.find_form(model, named)[joint]) * fit.weight[joint]
-    odds, count = score.find_odds(named, named.terms[-1]), score.count(named, len(model.terms))
+    odds = score.find_odds(named, named.terms[-1])
     left = fit.leave(joint) * fit.gram.layout.keep[:, joint]
     sizes = []
     for s, square in enumerate(squares):
         term = Term(candidate, tuple(subset), s, tried)
         informing = min(score.count_rows(x * left, int(rows)) for x in term.at_joint(joint).T)
-        cost = 0.5 * count * np.log(informing) + odds + SURELY
+        cost = 0.5 * score.count(term) * np.log(informing) + odds + SURELY
         ratio = np.expm1(min(2.0 * cost / informing, 700.0))
         sizes.append(np.sqrt(ratio * loss / rows / max(float(square), 1e-12)))
     return np.array(sizes)

@@ -205,5 +205,6 @@ def may_gain(score: Score, model: Model, extension: Extension) -> bool:
     most = 0.5 * policy.most_rows * len(joints) * -np.log(max(1.0 - extension.gain / max(loss, 1e-300), 1e-6))
     # With a body, the links' parameters may also come closer to their prior.
     relief = 0.5 * extension.gain if extension.term.effect.spread else 0.0
-    least = 1.0 if extension.term.candidate.penalty is not None else len(extension.term.subset)
-    return bool(max(most, relief) > score.odds(extension.term) + 0.5 * least * np.log(30.0))
+    return bool(
+        max(most, relief) > score.odds(extension.term) + 0.5 * score.count(extension.term) * np.log(30.0)
+    )

@@ -242,16 +242,6 @@ class Fit:
         k = next(k for k, t in enumerate(self.terms) if t is term)
         return self.theta[self.spans[k]]
 
-    @cached_property
-    def freedom(self) -> np.ndarray:
-        """Number of coefficients of each term that the rows determine, not its prior."""
-        inverse = self.solved[0][0]
-        own = [
-            len(t.subset) - float(np.sum(self.prior[s, s] * inverse[s, s]))
-            for t, s in zip(self.terms, self.spans, strict=True)
-        ]
-        return np.array(own)
-
     def measure(self, term: Term) -> np.ndarray:
         """Gram matrix (m, m) of a term's columns on all rows, weighed."""
         joints = term.candidate.joints

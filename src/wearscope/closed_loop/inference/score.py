@@ -7,8 +7,8 @@
 - nu_j: independent rows in the direction in which the two models differ there: rows over the design effect of
   that direction, and no more than `most_rows`.
 - E: squared size of named payloads and link errors, in standard deviations of what is expected of them.
-- cost: ln(nu) / 2 a coefficient that the rows determine (Schwarz 1978), the logarithm of the alternatives
-  tried at the joint (Chen and Chen 2008, Biometrika 95), and the odds against what not every drive has.
+- cost: ln(nu) / 2 a coefficient (Schwarz 1978), the logarithm of the alternatives tried at the joint (Chen
+  and Chen 2008, Biometrika 95), and the odds against what not every drive has.
 """
 
 from collections.abc import Sequence
@@ -176,19 +176,14 @@ class Score:
 
     def _cost(self, model: Model, rows: float) -> float:
         unlikely = sum(_poses_as_balancer(model, term) for term in model.terms)
-        counts = (self.count(model, k) for k in range(len(model.terms)))
-        cost = sum(
-            0.5 * count * np.log(rows) + self.odds(term)
-            for count, term in zip(counts, model.terms, strict=True)
-        )
+        cost = sum(0.5 * self.count(term) * np.log(rows) + self.odds(term) for term in model.terms)
         return float(cost + 0.5 * self.policy.name_odds * unlikely + self._drift_odds * model.drift)
 
-    def count(self, model: Model, k: int) -> float:
-        """Coefficients of a model's k-th term that its data determine, and what its shape counts as."""
-        term = model.terms[k]
+    def count(self, term: Term) -> float:
+        """Coefficients of a term, and what its shape counts as."""
         if term.effect.empirical:
             return max(2.0, _SPLINE * len(term.subset))
-        return float(model.fit.freedom[k - len(model.terms)]) + _SHAPE * len(term.model_term.shape)
+        return len(term.subset) + _SHAPE * len(term.model_term.shape)
 
     def odds(self, term: Term) -> float:
         """Prior odds against a term whatever its torque, in nats; negative for what every drive has."""
