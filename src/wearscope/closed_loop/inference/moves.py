@@ -270,10 +270,13 @@ class Moves:
         """The model with the most probable laws of friction, each with the reversal that suits it."""
         prepared = model.problem.prepared
         for joint in np.flatnonzero(prepared.moving).tolist():
+            own = [t for t in model.terms if t.joint == joint]
             # An offset acts like friction that differs by direction, except where the joint reverses.
-            own = [t for t in model.terms if t.joint == joint and (is_law(t.effect) or t.effect.is_offset)]
-            none: list[Term | None] = [None] if self.needs_law(model, joint) else []
-            for term in own or none:
+            offsets = [t for t in own if t.effect.is_offset]
+            wide = prepared.reversals.width[joint] > 0.0
+            laws = [t for t in own if is_law(t.effect)] if wide else []
+            none: list[Term | None] = [None] if wide and self.needs_law(model, joint) else []
+            for term in [*offsets, *(laws or none)]:
                 model = self.suit_law(model, joint, term)
         return model
 
