@@ -20,7 +20,7 @@ RETIRED = (
         for name in (
             "agreeing alike away beyond_chance beyond_doubt cancels family_level fewest_blocks informing "
             "large_share material_alone material_apart material_share material_torque material_whole "
-            "most_terms set_level slow standard_share told_apart unexpected unknown_share"
+            "most_terms set_level slow standard_share told_apart unexpected unknown_share zero_level"
         ).split()
     ),
 )
