@@ -277,7 +277,10 @@ class Moves:
             laws = [t for t in own if is_law(t.effect)] if wide else []
             none: list[Term | None] = [None] if wide and self.needs_law(model, joint) else []
             for term in [*offsets, *(laws or none)]:
-                model = self.suit_law(model, joint, term)
+                # Where another reversal was taken over, the model's terms were made again along it.
+                now = next((t for t in model.terms if term is not None and t.key == term.key), None)
+                if term is None or now is not None:
+                    model = self.suit_law(model, joint, now)
         return model
 
     def needs_law(self, model: Model, joint: int) -> bool:
