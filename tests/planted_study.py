@@ -10,10 +10,18 @@ from wearscope.designs.checks import describe_design, view_for_axis
 from wearscope.designs.factors import PAPER_FACTORS
 from wearscope.designs.kinds import generator_for, make_design, validation_design
 from wearscope.evaluation.ranking import rank_by_median
-from wearscope.evaluation.scope import group_scope, scope_table
+from wearscope.evaluation.sampled_scope import scope_table
+from wearscope.evaluation.scope import group_scope
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
-from wearscope.surrogates.fitting import CELL, IDENTIFICATION, VALIDATION, cell_name, fit_surrogates
+from wearscope.surrogates.fitting import (
+    CELL,
+    IDENTIFICATION,
+    VALIDATION,
+    cell_name,
+    fit_surrogates,
+    surrogates_of,
+)
 from wearscope.surrogates.validation import validate_surrogates
 
 PAPER_OPTIONS = {"generators": {"w5": "f w1 w2 w3 w4"}}
@@ -61,7 +69,8 @@ def make_tables():
     surrogates = fit_surrogates(points, ["full", "simplified"])
     snr = snr_table(surrogates, runs=500, draws=50)
     deltas, sigmas = np.linspace(0, 4, 5), np.linspace(0.1, 1, 4)
-    scope = scope_table(surrogates, deltas=deltas, sigmas=sigmas, runs=500, draws=20)
+    cells = surrogates_of(surrogates, "full")
+    scope = scope_table(cells, deltas=deltas, sigmas=sigmas, runs=500, draws=20)
     design = make_design("central_composite", PAPER_FACTORS, PAPER_OPTIONS)
     return {
         "design/identification": design,

@@ -35,7 +35,7 @@ REFERENCE = {
     ],
     "Evaluation": [
         "wearscope.evaluation.sensitivity", "wearscope.evaluation.snr", "wearscope.evaluation.ranking",
-        "wearscope.evaluation.scope", "wearscope.evaluation.scope_kde",
+        "wearscope.evaluation.scope", "wearscope.evaluation.sampled_scope", "wearscope.evaluation.scope_kde",
     ],
     "Tables and errors": ["wearscope.storage.tables", "wearscope.errors"],
 }  # fmt: skip

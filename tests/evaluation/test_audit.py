@@ -14,7 +14,7 @@ from wearscope.evaluation.audit import (
     scope_boundary,
     weigh_evidence,
 )
-from wearscope.evaluation.scope import scope_table
+from wearscope.evaluation.sampled_scope import scope_table
 from wearscope.surrogates.fitting import surrogates_of
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
@@ -68,9 +68,8 @@ def test_points_stay_within_the_levels_and_the_number_asked_for(refuses):
 
 
 def test_the_boundary_is_where_half_the_cells_pass(surrogates, refuses):
-    scope = scope_table(
-        surrogates, ["w3"], methods=["exact"], deltas=np.linspace(0, 4, 9), sigmas=[0.1, 0.3, 0.6]
-    )
+    cells, sigmas = surrogates_of(surrogates, "full"), [0.1, 0.3, 0.6]
+    scope = scope_table(cells, ["w3"], methods=["exact"], deltas=np.linspace(0, 4, 9), sigmas=sigmas)
     delta, sigma = scope_boundary(scope, "w3")
     share = scope[scope["sigma"] == sigma].groupby("delta")["passes"].mean()
     assert share[delta] >= 0.5
@@ -132,7 +131,8 @@ def test_four_runs_decide_as_the_exact_scope_where_y_is_monotone(surrogates):
         edge = {"w3": (delta, 0.5)}
         points = choose_audit_points(PAPER_FACTORS, edge, points=9)
         verdicts = audit_verdicts(audit_table(directly(straight, points, 0.0), straight, points))
-        scope = scope_table(straight, ["w3"], methods=["exact"], deltas=[delta], sigmas=[0.5])
+        cells = surrogates_of(straight, "full")
+        scope = scope_table(cells, ["w3"], methods=["exact"], deltas=[delta], sigmas=[0.5])
         both = verdicts.merge(scope, on=["robot", "cycle", "axis", "fda"])
         assert len(both) == len(verdicts) == 9
         assert (both["passes_surrogate"] == both["passes"]).all()
@@ -211,7 +211,7 @@ def test_a_right_surrogate_is_withheld_at_most_once_in_a_hundred_and_nothing_is_
 
 def test_more_points_lie_at_other_places_of_each_boundary(surrogates):
     grid = {"deltas": np.linspace(0, 4, 9), "sigmas": np.linspace(0.1, 1, 8)}
-    scope = scope_table(surrogates, ["w3", "w5"], methods=["exact"], **grid)
+    scope = scope_table(surrogates_of(surrogates, "full"), ["w3", "w5"], methods=["exact"], **grid)
     points = choose_more_points(PAPER_FACTORS, scope, ["w3", "w5"], [0.25, 0.75], first=10)
     assert points["point"].tolist() == list(range(10, 26))
     assert (points["reason"] == "scope boundary").all()

@@ -10,10 +10,10 @@ from wearscope.evaluation.sampled_scope import (
     detection_table,
     pick_levels,
     response_table,
+    scope_table,
     simulated_table,
     weighted_threshold,
 )
-from wearscope.evaluation.scope import scope_table
 from wearscope.surrogates.chosen import ChosenSurrogate
 from wearscope.surrogates.fitting import CELL, fit_surrogates, surrogates_of
 from wearscope.surrogates.kinds.linear import fit_quadratic
@@ -44,7 +44,8 @@ def cells(surrogates):
 def test_detection_at_the_scope_s_own_false_alarm_is_the_scope(surrogates, cells):
     deltas, sigmas = np.array([1.0, 3.0]), np.array([0.2, 0.9])
     table = detection_table(cells, LEVELS, ["w3", "w5"], deltas, sigmas, -2.0, [0.01, 0.1])
-    scope = scope_table(surrogates, ("w3", "w5"), "full", ["exact"], deltas, sigmas, levels=LEVELS, draws=0)
+    own = surrogates_of(surrogates, "full")
+    scope = scope_table(own, ("w3", "w5"), LEVELS, deltas, sigmas, methods=["exact"], draws=0)
     both = table[table["p_f"] == 0.01].merge(scope, on=[*CELL, "factor", "delta", "sigma"])
     assert len(both) == len(cells) * 2 * 4
     assert both["p_d_x"].to_numpy() == pytest.approx(both["p_d_y"].to_numpy(), abs=1e-12)

@@ -11,11 +11,11 @@ from planted_study import planted_test_quantities
 
 from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.evaluation.conclusion import conclude_study, overview_table, threshold_tables
+from wearscope.evaluation.sampled_scope import scope_table
 from wearscope.evaluation.scope import (
     add_counts,
     count_scope,
     group_scope,
-    scope_table,
 )
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
@@ -60,7 +60,7 @@ def study():
     quantities, _ = planted_test_quantities(ROBOTS, ("c1",), (1, 2), ("A", "B"))
     surrogates = fit_surrogates(quantities, ["full"])
     grid = {"deltas": [0.0, 1.0, 2.0, 4.0], "sigmas": [0.05, 0.2, 0.5], "runs": 200, "draws": 20}
-    scope = scope_table(surrogates, model="full", **grid)
+    scope = scope_table(surrogates_of(surrogates, "full"), **grid)
     return surrogates, snr_table(surrogates, "full", runs=100, draws=50), scope
 
 

@@ -1,5 +1,7 @@
 """Questions asked of chosen surrogates: quadratic truths give what the closed forms give."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,15 +13,16 @@ from wearscope.designs.kinds import make_design
 from wearscope.evaluation.audit import audit_table, choose_audit_points, weigh_evidence
 from wearscope.evaluation.sampled_scope import (
     SPREAD,
+    ClosedForm,
+    Tabulated,
+    detect_tabulated,
+    estimate_by_kernels,
     interpolation,
-    sampled_scope_table,
+    scope_table,
     table_nodes,
-    tabulated_kde,
     tabulated_points,
-    tabulated_scope,
     weighted_threshold,
 )
-from wearscope.evaluation.scope import exact_scope, kde_scope, scope_quadratics
 from wearscope.evaluation.snr import (
     answer_rows,
     direct_design,
@@ -32,7 +35,7 @@ from wearscope.evaluation.snr import (
     sampled_snr_table,
 )
 from wearscope.surrogates.chosen import ChosenSurrogate, choose_surrogate
-from wearscope.surrogates.fitting import fit_surrogate
+from wearscope.surrogates.fitting import Surrogate, fit_surrogate
 
 NAMES = [factor.name for factor in PAPER_FACTORS]
 NOMINAL = nominal_levels(PAPER_FACTORS)
@@ -119,31 +122,33 @@ def test_no_noise_no_change_and_a_falling_value_are_told_apart(process):
 @pytest.mark.parametrize("factor", ["w3", "w5"])
 def test_tabulated_scope_is_the_closed_form_where_nothing_is_held(quadratic, factor):
     chosen, full = quadratic
-    null, alternatives = scope_quadratics(full, factor, DELTAS, SIGMAS, -2.0, NOMINAL)
     nodes = table_nodes()
     z = tabulated_points(NAMES, factor, -2.0 + np.concatenate([[0.0], DELTAS]), nodes, NOMINAL)
-    values = chosen.predict(z).reshape(1 + len(DELTAS), -1)
-    expected = exact_scope(null, alternatives)
-    np.testing.assert_allclose(tabulated_scope(values, nodes, SIGMAS), expected, atol=0.02)
-    kde = tabulated_kde(values, nodes, SIGMAS, 0.01, 20_000, 0)
+    table = Tabulated(chosen, factor, NOMINAL | {factor: 0.0}, DELTAS, -2.0)
+    assert table.mean.ravel() == pytest.approx(chosen.predict(z))
+    line = ClosedForm(full, factor, NOMINAL, DELTAS, -2.0)
+    wanted = np.array([0.01])
+    np.testing.assert_allclose(table.detect(SIGMAS, wanted)[1], line.detect(SIGMAS, wanted)[1], atol=0.02)
     # Both ask the same runs.
-    np.testing.assert_allclose(kde, kde_scope(null, alternatives, 0.01, 20_000, 0), atol=0.02)
+    one, other = (estimate_by_kernels(response, SIGMAS, 0.01, 20_000, 0) for response in (table, line))
+    np.testing.assert_allclose(one, other, atol=0.02)
 
 
 def test_without_change_the_alarm_rate_is_the_false_one(process):
     nodes = table_nodes()
     z = tabulated_points(NAMES, "w3", np.array([-2.0, -2.0]), nodes, NOMINAL)
     values = process.predict(z).reshape(2, -1)
-    np.testing.assert_allclose(tabulated_scope(values, nodes, SIGMAS, 0.05), 0.05, atol=0.003)
+    np.testing.assert_allclose(detect_tabulated(values, nodes, SIGMAS, 0.05)[1], 0.05, atol=0.003)
     flat = np.zeros((3, len(nodes)))
     flat[2] = 1.0
-    np.testing.assert_allclose(tabulated_scope(flat, nodes, SIGMAS), [[0.0, 1.0]] * len(SIGMAS), atol=1e-12)
+    _, p_d = detect_tabulated(flat, nodes, SIGMAS)
+    np.testing.assert_allclose(p_d, [[0.0, 1.0]] * len(SIGMAS), atol=1e-12)
 
 
 def test_scope_table_has_both_methods_and_a_confidence_that_follows_the_uncertainty(process, refuses):
     same = ChosenSurrogate(None, tuple(NAMES), 1.0, 0.3)
     cells = [(KEY, process), (("r", "c", 1, "S"), same)]
-    table = sampled_scope_table(cells, NOMINAL, ["w3"], DELTAS, SIGMAS, runs=2000, draws=40)
+    table = scope_table(cells, ["w3"], NOMINAL, DELTAS, SIGMAS, runs=2000, draws=40)
     assert len(table) == 2 * 2 * DELTAS.size * SIGMAS.size
     exact = table[(table["method"] == "exact") & (table["fda"] == "A")]
     sure = exact["confidence"].to_numpy()
@@ -151,7 +156,7 @@ def test_scope_table_has_both_methods_and_a_confidence_that_follows_the_uncertai
     assert sure[exact["passes"]].mean() > 0.7 > 0.3 > sure[~exact["passes"]].mean()
     constant = table[table["fda"] == "S"]
     assert (constant["p_d"] == 0).all() and (constant["status"] == "constant").all()
-    refuses(sampled_scope_table, cells, NOMINAL, ["f"], DELTAS, SIGMAS)
+    refuses(scope_table, cells, ["f"], NOMINAL, DELTAS, SIGMAS)
 
 
 def direct_values(points, seed=9, shift=0.0):
@@ -239,13 +244,13 @@ def test_the_chosen_surrogate_answers_where_the_paper_s_stands_next_to_it():
 
 
 def test_runs_drawn_along_a_line_are_those_drawn_along_its_table():
-    """y = 0.5 + 0.4 w less or more of a change, w about 0.3: between nodes the table is the line itself."""
-    sigmas, levels = np.array([0.1, 0.3]), np.array([0.5, 0.9, 1.4])
-    nodes = table_nodes(0.3)
-    found = tabulated_kde(levels[:, None] + 0.4 * nodes, nodes, sigmas, 0.05, 2000, 7, centre=0.3)
-    line = np.zeros((2, 3, 3))
-    line[..., 0], line[..., 1] = levels + 0.4 * 0.3, 0.4 * sigmas[:, None]
-    wanted = kde_scope(line[:, 0], line[:, 1:], 0.05, 2000, 7)
+    """y = 2.5 + f + 0.4 w, w about 0.3: between nodes the table is the line itself."""
+    sigmas, deltas = np.array([0.1, 0.3]), np.array([0.4, 0.9])
+    straight = SimpleNamespace(names=("f", "w3"), status="ok", predict=lambda z: 2.5 + z @ [1.0, 0.4])
+    table = Tabulated(straight, "w3", {"w3": 0.3}, deltas, -2.0)
+    found = estimate_by_kernels(table, sigmas, 0.05, 2000, 7)
+    moved = Surrogate(("1", "f", "w3"), np.array([2.62, 1.0, 0.4]), np.zeros((3, 3)), 0.0, 9)
+    wanted = estimate_by_kernels(ClosedForm(moved, "w3", {}, deltas, -2.0), sigmas, 0.05, 2000, 7)
     assert 0.1 < wanted.min() < 0.99
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
@@ -256,9 +261,7 @@ def test_a_quantity_falls_if_it_does_at_the_largest_change(sign, status):
     y = -sign * Z[:, 0] * (Z[:, 0] + 2.0) + 1e-3 * np.random.default_rng(0).standard_normal(len(Z))
     chosen = choose_surrogate(Z, y, NAMES, NOMINAL, ["quadratic"])[0]
     for deltas in ([1.0, 4.0], [4.0, 1.0]):
-        table = sampled_scope_table(
-            [(KEY, chosen)], NOMINAL, ["w3"], deltas, [0.1], methods=["exact"], draws=0
-        )
+        table = scope_table([(KEY, chosen)], ["w3"], NOMINAL, deltas, [0.1], methods=["exact"], draws=0)
         assert set(table["status"]) == {status}
 
 
@@ -317,8 +320,9 @@ def test_one_grid_s_thresholds_are_those_of_single_ones():
     edges = np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1]), [np.inf]])
     weights = np.diff(ndtr(edges))
     for null in (values, values[[2, 0, 1]], values[[0, 0, 0]] * 0.0 + 1.0):
-        found = tabulated_scope(null, nodes, sigmas, 0.03)
+        thresholds, found = detect_tabulated(null, nodes, sigmas, 0.03)
         for s, sigma in enumerate(sigmas):
             healthy, *worn = (np.interp(sigma * SPREAD, nodes, row) for row in null)
             h = weighted_threshold(healthy, np.argsort(-healthy), weights, 0.03)
+            assert thresholds[s] == pytest.approx(h)
             assert found[s] == pytest.approx([weights[y >= h].sum() for y in worn])

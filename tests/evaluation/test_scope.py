@@ -3,15 +3,14 @@ import pandas as pd
 import pytest
 from scipy import optimize, stats
 
+from wearscope.designs.factors import PAPER_FACTORS, nominal_levels
 from wearscope.errors import InputError
+from wearscope.evaluation.sampled_scope import ClosedForm, estimate_by_kernels, scope_table
 from wearscope.evaluation.scope import (
     detection_probability,
-    exact_scope,
     group_scope,
-    kde_scope,
     paper_grid,
     scope_quadratics,
-    scope_table,
     spread,
     standardise,
     tail_probability,
@@ -20,13 +19,14 @@ from wearscope.evaluation.scope import (
 from wearscope.evaluation.scope_kde import bandwidth_factor, bin_runs, detection_probabilities, draw_runs
 from wearscope.surrogates.fitting import Surrogate, surrogates_of
 
+LEVELS = nominal_levels(PAPER_FACTORS)
 COARSE = {"deltas": np.linspace(0, 4, 7), "sigmas": np.linspace(0.01, 1, 5)}
 
 
 @pytest.fixture(scope="module")
 def scope(surrogates):
     part = surrogates[surrogates["robot"] == "medium"]
-    return scope_table(part, **COARSE, runs=20_000, seed=0)
+    return scope_table(surrogates_of(part, "full"), **COARSE, runs=20_000, seed=0)
 
 
 def test_tail_is_that_of_the_noncentral_chi_square():
@@ -118,7 +118,7 @@ def test_exact_detection_agrees_with_brute_force_within_its_error(surrogates):
     n = 200_000
     for _, surrogate in list(surrogates_of(surrogates, "full"))[:4]:
         null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.5, 1.5]), np.array([0.4]))
-        exact = exact_scope(null, alternatives)[0]
+        exact = detection_probability(null, alternatives)[0]
         h = threshold(null[0], 0.01)
         z0 = np.array([-2.0, -2, -2, 0, 0, 0])
         for delta, value in zip((0.5, 1.5), exact, strict=True):
@@ -167,9 +167,8 @@ def test_kernel_estimate_agrees_with_the_exact_scope_in_smooth_cases():
     deltas, sigmas = np.linspace(0, 2, 6), np.array([0.1, 0.3])
     theta = np.array([1.0, 1.0, 1.0])
     surrogate = Surrogate(("1", "f", "w3"), theta, np.zeros((3, 3)), 0.0, 9)
-    null, alternatives = scope_quadratics(surrogate, "w3", deltas, sigmas)
-    exact = exact_scope(null, alternatives)
-    kde = kde_scope(null, alternatives, runs=100_000)
+    exact = detection_probability(*scope_quadratics(surrogate, "w3", deltas, sigmas))
+    kde = estimate_by_kernels(ClosedForm(surrogate, "w3", LEVELS, deltas, -2.0), sigmas)
     # a kernel of 0.106 deviations widens a normal by 0.6 %; 1e5 runs leave 0.012 deviations on the threshold
     np.testing.assert_allclose(kde, exact, atol=0.02)
     assert np.array_equal(kde >= 0.99, exact >= 0.99)
@@ -178,31 +177,31 @@ def test_kernel_estimate_agrees_with_the_exact_scope_in_smooth_cases():
 def test_kernel_estimate_strays_at_a_hard_edge():
     # y = f - w^2 under H0 ends at f0: the kernel smears the threshold beyond that edge
     surrogate = Surrogate(("1", "f", "w3", "w3^2"), np.array([0, 1.0, 0, -1.0]), np.zeros((4, 4)), 0.0, 9)
-    null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.2]), np.array([1.0]))
-    exact = exact_scope(null, alternatives)[0, 0]
+    deltas, sigmas = np.array([0.2]), np.array([1.0])
+    exact = detection_probability(*scope_quadratics(surrogate, "w3", deltas, sigmas))[0, 0]
     edge = -stats.chi2.ppf(0.01, 1)
     assert exact == pytest.approx(stats.chi2.cdf(0.2 - edge, 1))
-    assert kde_scope(null, alternatives)[0, 0] < exact - 0.1
+    line = ClosedForm(surrogate, "w3", LEVELS, deltas, -2.0)
+    assert estimate_by_kernels(line, sigmas)[0, 0] < exact - 0.1
 
 
 def test_hand_made_scope_of_a_linear_detector():
     # y = f + w: passes from Delta = sigma (z_0.99 + z_0.99) on
     surrogate = Surrogate(("1", "f", "w3"), np.array([0.0, 1.0, 1.0]), np.zeros((3, 3)), 0.0, 9)
     deltas, sigmas = paper_grid()
-    null, alternatives = scope_quadratics(surrogate, "w3", deltas, sigmas)
-    passes = exact_scope(null, alternatives) >= 0.99
+    passes = detection_probability(*scope_quadratics(surrogate, "w3", deltas, sigmas)) >= 0.99
     np.testing.assert_array_equal(passes, deltas[None, :] >= 2 * stats.norm.ppf(0.99) * sigmas[:, None])
 
 
 def test_a_detector_that_always_says_the_same_gets_no_scope(odd):
-    scope = scope_table(odd, **COARSE, runs=2000)
+    scope = scope_table(surrogates_of(odd, "full"), **COARSE, runs=2000)
     constant = scope[scope["fda"] == "C"]
     assert set(constant["status"]) == {"constant"}
     assert not constant["passes"].any() and (constant["p_d"] == 0).all()
 
 
 def test_a_falling_detector_is_judged_as_it_is_and_reported(odd):
-    scope = scope_table(odd, **COARSE, runs=2000)
+    scope = scope_table(surrogates_of(odd, "full"), **COARSE, runs=2000)
     falling = scope[(scope["fda"] == "B") & (scope["delta"] > 0)]
     assert set(falling["status"]) == {"decreasing"}
     assert not falling["passes"].any()
@@ -211,9 +210,10 @@ def test_a_falling_detector_is_judged_as_it_is_and_reported(odd):
 
 def test_a_detector_untouched_by_the_factor_detects_any_change():
     surrogate = Surrogate(("1", "f", "w3"), np.array([5.0, 1.0, 0.0]), np.zeros((3, 3)), 0.0, 9)
-    null, alternatives = scope_quadratics(surrogate, "w3", np.array([0.0, 0.1]), np.array([0.5]))
-    assert exact_scope(null, alternatives).tolist() == [[0.0, 1.0]]
-    assert kde_scope(null, alternatives, runs=1000).tolist() == [[0.0, 1.0]]
+    deltas, sigmas = np.array([0.0, 0.1]), np.array([0.5])
+    assert detection_probability(*scope_quadratics(surrogate, "w3", deltas, sigmas)).tolist() == [[0.0, 1.0]]
+    line = ClosedForm(surrogate, "w3", LEVELS, deltas, -2.0)
+    assert estimate_by_kernels(line, sigmas, runs=1000).tolist() == [[0.0, 1.0]]
 
 
 def test_cross_terms_of_the_fault_make_the_models_differ_only_where_they_act():
@@ -221,12 +221,13 @@ def test_cross_terms_of_the_fault_make_the_models_differ_only_where_they_act():
     simplified = Surrogate(("1", "f", "w3"), np.array([0.0, 1.0, 0.5]), np.zeros((3, 3)), 0.0, 9)
     deltas, sigmas = np.array([0.5, 2.0]), np.array([0.8])
     at_zero = [
-        exact_scope(*scope_quadratics(s, "w3", -deltas * 0, sigmas, f0=0.0)) for s in (full, simplified)
+        detection_probability(*scope_quadratics(s, "w3", -deltas * 0, sigmas, f0=0.0))
+        for s in (full, simplified)
     ]
     np.testing.assert_allclose(*at_zero)
     # from f0 = -2 the full model's slope in w3 is -0.1, at Delta = 2 it is 0.5 as the simplified one's
     null, alternatives = scope_quadratics(full, "w3", deltas, sigmas)
-    np.testing.assert_allclose(null[0], [-2.0, -0.08, 0.0], atol=1e-12)
+    np.testing.assert_allclose(null[0, 0], [-2.0, -0.08, 0.0], atol=1e-12)
     np.testing.assert_allclose(alternatives[0, 1], [0.0, 0.4, 0.0], atol=1e-12)
 
 
@@ -236,7 +237,7 @@ def test_table_has_the_contracts_columns_and_any_factor_is_a_choice(scope, surro
     assert len(scope) == 18 * 2 * 35 * 2
     one = surrogates[surrogates["robot"] == "medium"]
     for factor in ("w1", "w4"):
-        part = scope_table(one, [factor], methods=["exact"], **COARSE)
+        part = scope_table(surrogates_of(one, "full"), [factor], methods=["exact"], **COARSE)
         assert set(part["factor"]) == {factor} and part["p_d"].between(0, 1).all()
 
 
@@ -248,8 +249,10 @@ def test_methods_agree_on_most_of_the_map(scope):
 def test_half_a_study_gives_the_same_rows(surrogates, scope):
     part = surrogates.query("robot == 'medium' and cycle == 'b'")
     expected = scope[scope["cycle"] == "b"].reset_index(drop=True)
-    pd.testing.assert_frame_equal(scope_table(part, **COARSE, runs=20_000, seed=0), expected)
-    other = scope_table(part, methods=["kde"], **COARSE, runs=20_000, seed=1)
+    pd.testing.assert_frame_equal(
+        scope_table(surrogates_of(part, "full"), **COARSE, runs=20_000, seed=0), expected
+    )
+    other = scope_table(surrogates_of(part, "full"), methods=["kde"], **COARSE, runs=20_000, seed=1)
     assert not np.array_equal(other["p_d"], expected.loc[expected["method"] == "kde", "p_d"])
 
 
@@ -288,4 +291,4 @@ def test_more_disturbance_never_helps_a_linear_detector():
 )
 def test_bad_settings_get_one_sentence(surrogates, setting, message):
     with pytest.raises(InputError, match=message):
-        scope_table(surrogates, **setting)
+        scope_table(surrogates_of(surrogates, "full"), **setting)

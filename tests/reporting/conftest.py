@@ -21,8 +21,12 @@ from wearscope.evaluation.audit import (
 )
 from wearscope.evaluation.conclusion import conclude_study, threshold_table
 from wearscope.evaluation.ranking import rank_by_median
-from wearscope.evaluation.sampled_scope import detection_table, response_table, simulated_table
-from wearscope.evaluation.scope import scope_table
+from wearscope.evaluation.sampled_scope import (
+    detection_table,
+    response_table,
+    scope_table,
+    simulated_table,
+)
 from wearscope.evaluation.sensitivity import sensitivity_of
 from wearscope.evaluation.snr import snr_table
 from wearscope.reporting.study import Study
@@ -69,9 +73,8 @@ def study():
     surrogates = fit_surrogates(points, ["full", "simplified"])
     validation = validate_surrogates(points, surrogates)
     snr = snr_table(surrogates, runs=500, draws=200)
-    scope = scope_table(
-        surrogates, deltas=np.linspace(0, 4, 5), sigmas=np.linspace(0.1, 1, 4), runs=500, draws=50
-    )
+    grid = {"deltas": np.linspace(0, 4, 5), "sigmas": np.linspace(0.1, 1, 4)}
+    scope = scope_table(surrogates_of(surrogates, "full"), **grid, runs=500, draws=50)
     boundaries = {name: scope_boundary(scope, name) for name in ("w3", "w5")}
     chosen = choose_audit_points(factors, boundaries, axes=(1, 2))
     audit = audit_table(_direct(surrogates, chosen), surrogates, chosen)

@@ -4,10 +4,10 @@ import numpy as np
 
 from job import run_job
 from wearscope.designs.factors import Factor, nominal_levels
-from wearscope.evaluation.sampled_scope import sampled_scope_table
-from wearscope.evaluation.scope import scope_table
+from wearscope.evaluation.sampled_scope import scope_table
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen
+from wearscope.surrogates.fitting import surrogates_of
 
 with run_job(snakemake) as say:
     settings = snakemake.params.settings
@@ -28,8 +28,8 @@ with run_job(snakemake) as say:
         return table[table["robot"] == snakemake.wildcards.robot]
 
     if settings["model"] == "chosen":
-        chosen = read_chosen(read_cells("chosen"), read_cells("test_quantities"))
-        table = sampled_scope_table(chosen, factors=settings["factors"], **common)
+        cells = read_chosen(read_cells("chosen"), read_cells("test_quantities"))
     else:
-        table = scope_table(read_cells("surrogates"), settings["factors"], settings["model"], **common)
+        cells = surrogates_of(read_cells("surrogates"), settings["model"])
+    table = scope_table(cells, settings["factors"], **common)
     tables.write_table(snakemake.output[0], table)

@@ -1,8 +1,9 @@
-"""Scope matrices (12) to (16), ROC and tolerance of chosen surrogates, by numerical integration.
+"""Scope matrices (12) to (16), ROC and tolerance of every cell, from its response along one nuisance factor.
 
-A chosen surrogate has no closed form, so its response along one nuisance factor is tabulated. From the table
-follow the alarm threshold (13), the detection probability (14) and the ROC of every cell. The tolerance is
-the scope in one number: the largest variation of a nuisance at which a fault is still detected.
+A quadratic surrogate has a closed form. A chosen surrogate has none, so its response is tabulated and
+integrated numerically. From either follow the alarm threshold (13), the detection probability (14) and the
+ROC. The tolerance is the scope in one number: the largest variation of a nuisance at which a fault is still
+detected.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,25 +11,28 @@ from collections.abc import Iterable, Mapping, Sequence
 import numba
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor
+from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, PAPER_FACTORS, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
 from wearscope.errors import InputError
 from wearscope.evaluation.scope import (
-    METHODS,
     alarm_threshold,
-    check_setting,
-    long_table,
+    along_operator,
+    detection_probability,
+    paper_grid,
     scope_quadratics,
+    standardise,
     tail_probability,
 )
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
+from wearscope.evaluation.snr import output_status
 from wearscope.surrogates.chosen import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.fitting import CELL, Surrogate, cell_name, hold_levels
 
 Array = NDArray[np.float64]
+METHODS = ("exact", "kde")
 
 #: Points of the standard normal distribution by which a nuisance is integrated; their spacing resolves the
 #: tails of probability P_f' and 1 - P_d'.
@@ -90,9 +94,10 @@ def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, 
 
 @numba.njit(cache=True)
 def _detect_tables(
-    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float, result: Array
-) -> None:
-    """Write P_d (S, J) of tabulated responses (1 + J, W) to `result`: row 0 is H0, the others are H1."""
+    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float,
+    thresholds: Array, result: Array,
+) -> None:  # fmt: skip
+    """Write thresholds (S,) and P_d (S, J) of tabulated responses (1 + J, W): row 0 is H0, the others H1."""
     count = weights.size
     null = np.empty(count)
     for s in range(left.shape[0]):
@@ -100,6 +105,7 @@ def _detect_tables(
             i = left[s, k]
             null[k] = values[0, i] + share[s, k] * (values[0, i + 1] - values[0, i])
         h = weighted_threshold(null, np.argsort(-null), weights, false_alarm)
+        thresholds[s] = h
         for j in range(1, values.shape[0]):
             detected = 0.0
             for k in range(count):
@@ -110,10 +116,10 @@ def _detect_tables(
             result[s, j - 1] = detected
 
 
-def tabulated_scope(
+def detect_tabulated(
     values: Array, nodes: Array, sigmas: Array, false_alarm: float = 0.01, centre: float = 0.0
-) -> Array:
-    """Compute P_d (14) on the grid from responses tabulated along the nuisance, without sampling error.
+) -> tuple[Array, Array]:
+    """Compute threshold (13) and P_d (14) from responses along the nuisance, without sampling error.
 
     Parameters
     ----------
@@ -129,33 +135,64 @@ def tabulated_scope(
 
     Returns
     -------
-    array (..., S, J)
+    threshold : array (..., S)
+    p_d : array (..., S, J)
     """
     left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
     tables = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
-    result = np.empty((len(tables), len(sigmas), values.shape[-2] - 1))
-    for table, detected in zip(tables, result, strict=True):
-        _detect_tables(table, left, share, WEIGHTS, false_alarm, detected)
-    return result.reshape(*values.shape[:-2], *result.shape[1:])
+    thresholds = np.empty((len(tables), len(sigmas)))
+    result = np.empty((*thresholds.shape, values.shape[-2] - 1))
+    for table, h, detected in zip(tables, thresholds, result, strict=True):
+        _detect_tables(table, left, share, WEIGHTS, false_alarm, h, detected)
+    shape = (*values.shape[:-2], len(sigmas))
+    return thresholds.reshape(shape), result.reshape(*shape, -1)
 
 
-def tabulated_kde(
-    values: Array,
-    nodes: Array,
-    sigmas: Array,
-    false_alarm: float,
-    runs: int,
-    seed: int,
-    centre: float = 0.0,
-) -> Array:
-    """Compute P_d (S, J) of eq. (14) by Monte Carlo and kernel density estimates, as `kde_scope` does."""
-    result = np.empty((len(sigmas), len(values) - 1))
-    for s, sigma in enumerate(sigmas):
-        at, weights0, weights1 = draw_runs(seed, s, runs)
-        left, share = interpolation(nodes, centre + sigma * at)
-        y = values[:, left] + share * (values[:, left + 1] - values[:, left])
-        result[s] = detection_probabilities(y[0], y[1:], weights0, weights1, runs, false_alarm)
-    return result
+class ClosedForm:
+    """Response of a quadratic surrogate along one nuisance, with the other factors fixed.
+
+    Parameters
+    ----------
+    surrogate, factor, levels, deltas, f0
+        As those of `Tabulated`.
+    """
+
+    #: Name of the stream of random numbers for draws of the coefficients; number of draws.
+    stream, draws = "scope confidence", 200
+
+    def __init__(
+        self, surrogate: Surrogate, factor: str, levels: Mapping[str, float], deltas: Array, f0: float
+    ) -> None:
+        self.surrogate, self.factor, self.levels = surrogate, factor, levels
+        self.faults, self.status = f0 + np.concatenate([[0.0], deltas]), output_status(surrogate)
+        parts = scope_quadratics(surrogate, factor, deltas, np.ones(1), f0, levels)
+        self._rows = np.concatenate(parts, axis=1)[0]
+
+    def detect(self, sigmas: Array, wanted: Array) -> tuple[Array, Array]:
+        """Return thresholds (S, P) and P_d (S, J, P) at the wanted probabilities of false alarm (P,)."""
+        rows = standardise(self._rows, sigmas[:, None])
+        h = alarm_threshold(rows[:, :1], wanted)
+        return h, tail_probability(rows[:, 1:, None], h[:, None])
+
+    def respond(self, sigma: float, x: Array) -> Array:
+        """Return the responses (1 + J, M) to standard normal values (M,) of the nuisance."""
+        return standardise(self._rows, sigma) @ np.stack([np.ones_like(x), x, x * x])
+
+    def find_confidence(
+        self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
+    ) -> Array:
+        """Return the share (S, J) of coefficient draws for which a grid point meets (12).
+
+        The share has a standard error of at most 0.5 / sqrt(draws). It is NaN without residual degrees of
+        freedom or draws.
+        """
+        if self.surrogate.dof < 1 or draws < 1:
+            return np.full((len(sigmas), len(self.faults) - 1), np.nan)
+        theta = self.surrogate.draw_coefficients(rng, draws)
+        maps = along_operator(self.surrogate, self.factor, self.levels, self.faults)
+        along = np.einsum("dp,jpc->jdc", theta, maps)
+        drawn = standardise(along, sigmas[:, None, None])
+        return np.mean(detection_probability(drawn[:, :1], drawn[:, 1:], false_alarm) >= detection, axis=-1)
 
 
 class Tabulated:
@@ -179,6 +216,9 @@ class Tabulated:
         Mean response at the coded levels `nodes` (W,) of the nuisance, whose mean is `centre`; row 0 is H0.
     """
 
+    #: Name of the stream of random numbers for drawn response functions; number of draws.
+    stream, draws = "sampled scope", 60
+
     def __init__(
         self,
         surrogate: ChosenSurrogate,
@@ -191,10 +231,31 @@ class Tabulated:
         self.centre = float(levels[factor])
         self.nodes, self.faults = table_nodes(self.centre), f0 + np.concatenate([[0.0], deltas])
         self.mean = surrogate.predict(self._points(self.faults)).reshape(len(self.faults), -1)
+        middle = self.mean[:, len(self.nodes) // 2]
+        falls = surrogate.status == "ok" and middle[np.argmax(deltas) + 1] < middle[0]
+        self.status = "decreasing" if falls else surrogate.status
 
     def _points(self, faults: Array) -> Array:
         """Return the coded points of the table at some fault levels."""
         return tabulated_points(self.surrogate.names, self.factor, faults, self.nodes, self.levels)
+
+    def detect(self, sigmas: Array, wanted: Array) -> tuple[Array, Array]:
+        """Return thresholds (S, P) and P_d (S, J, P) at the wanted probabilities of false alarm (P,)."""
+        found = [detect_tabulated(self.mean, self.nodes, sigmas, one, self.centre) for one in wanted]
+        return np.stack([h for h, _ in found], axis=-1), np.stack([p_d for _, p_d in found], axis=-1)
+
+    def respond(self, sigma: float, x: Array) -> Array:
+        """Return the responses (1 + J, M) to standard normal values (M,) of the nuisance."""
+        left, share = interpolation(self.nodes, self.centre + sigma * x)
+        return self.mean[:, left] + share * (self.mean[:, left + 1] - self.mean[:, left])
+
+    def find_confidence(
+        self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
+    ) -> Array:
+        """Return the share (S, J) of drawn response functions for which a grid point meets (12)."""
+        if draws < 1:
+            return np.full((len(sigmas), len(self.faults) - 1), np.nan)
+        return np.mean(self.drawn_passes(sigmas, rng, draws, false_alarm, detection), axis=0)
 
     def drawn_passes(
         self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
@@ -210,85 +271,182 @@ class Tabulated:
         away = (self.surrogate.draw(z, rng, draws) - self.surrogate.predict(z)).reshape(shape)
         left, share = interpolation(coarse, self.faults)
         away = away[:, left] + share[:, None] * (away[:, left + 1] - away[:, left])
-        return tabulated_scope(self.mean + away, self.nodes, sigmas, false_alarm, self.centre) >= detection
+        _, p_d = detect_tabulated(self.mean + away, self.nodes, sigmas, false_alarm, self.centre)
+        return p_d >= detection
 
 
-def sampled_scope_table(
-    chosen: Iterable[tuple[tuple, ChosenSurrogate]],
-    levels: Mapping[str, float],
-    factors: Sequence[str],
-    deltas: Array,
+#: Cells (robot, cycle, axis, fda), each with its surrogate.
+Cells = Iterable[tuple[tuple, ChosenSurrogate | Surrogate]]
+
+
+def respond_along(
+    surrogate: ChosenSurrogate | Surrogate, factor: str, levels: Mapping[str, float], deltas: Array, f0: float
+) -> ClosedForm | Tabulated:
+    """Return a surrogate's response along a nuisance, with the parameters of `Tabulated`."""
+    if isinstance(surrogate, ChosenSurrogate):
+        return Tabulated(surrogate, factor, levels, deltas, f0)
+    return ClosedForm(surrogate, factor, levels, deltas, f0)
+
+
+def estimate_by_kernels(
+    line: ClosedForm | Tabulated,
     sigmas: Array,
+    false_alarm: float = 0.01,
+    runs: int = 100_000,
+    seed: int = 0,
+) -> Array:
+    """Compute P_d (14) on the grid by Monte Carlo and kernel density estimates.
+
+    Parameters
+    ----------
+    line : ClosedForm or Tabulated
+    sigmas : array (S,)
+    false_alarm : float
+    runs : int
+        Number of draws for each sigma and hypothesis. All fault changes at one sigma share the draws of H1,
+        and all cells and factors share all draws.
+    seed : int
+
+    Returns
+    -------
+    array (S, J)
+    """
+    result = np.empty((len(sigmas), len(line.faults) - 1))
+    for s, sigma in enumerate(sigmas):
+        x, weights0, weights1 = draw_runs(seed, s, runs)
+        y = line.respond(sigma, x)
+        result[s] = detection_probabilities(y[0], y[1:], weights0, weights1, runs, false_alarm)
+    return result
+
+
+def scope_table(
+    cells: Cells,
+    factors: Sequence[str] = ("w3", "w5"),
+    levels: Mapping[str, float] | None = None,
+    deltas: ArrayLike | None = None,
+    sigmas: ArrayLike | None = None,
     f0: float = -2.0,
     methods: Sequence[str] = METHODS,
     false_alarm: float = 0.01,
     detection: float = 0.99,
     runs: int = 100_000,
     seed: int = 0,
-    draws: int = 60,
+    draws: int | None = None,
 ) -> pd.DataFrame:
-    """Compute the scope matrices of every cell's chosen surrogate, in long form.
+    """Compute the scope matrices of every cell, in long form.
 
-    Nuisance levels are clipped to -2..2, as nothing was simulated outside that range.
+    The rows of a cell do not depend on the other cells, so that a study can be computed in parts. Levels of a
+    nuisance at which a chosen surrogate is asked are clipped to -2..2, as nothing was simulated outside.
 
     Parameters
     ----------
-    chosen : iterable of (key, ChosenSurrogate)
-    levels : mapping
-        Coded nominal levels, at which the nuisances are fixed; the varying one scatters about its level.
+    cells : iterable of (key, surrogate)
+        From `wearscope.surrogates.fitting.surrogates_of`, whose keys name the model, or from
+        `wearscope.surrogates.chosen.read_chosen`.
     factors : sequence of str
-    deltas, sigmas : array (J,), (S,)
-    f0, methods, false_alarm, detection, runs, seed
-        As in `wearscope.evaluation.scope.scope_table`.
-    draws : int
-        Number of response functions for ``confidence``.
+        Nuisances that vary, one at a time.
+    levels : mapping, optional
+        Coded levels at which the other nuisances are fixed; by default the nominal point (18). The varying
+        one scatters about 0 for a quadratic surrogate, and about its level for a chosen one.
+    deltas, sigmas : array_like (J,), (S,), optional
+        Coded grid (16); by default `wearscope.evaluation.scope.paper_grid`.
+    f0 : float
+        Coded fault level of H0.
+    methods : sequence of {"exact", "kde"}
+        ``exact`` is the closed form or, for a chosen surrogate, numerical integration.
+    false_alarm, detection : float
+        P_f', P_d'.
+    runs, seed
+        See `estimate_by_kernels`.
+    draws : int, optional
+        Number of draws of a surrogate for ``confidence``, 0 for none; by default 200 of a quadratic one's
+        coefficients, and 60 response functions of a chosen one.
 
     Returns
     -------
     DataFrame
-        As `wearscope.evaluation.scope.scope_table`, with ``model`` ``chosen``; the method ``exact`` is
-        numerical integration.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``, ``p_d``,
+        ``passes``, ``method``, ``status``, ``confidence``. The status is ``ok``, ``constant`` (never passes)
+        or ``decreasing``: the test quantity falls with wear (a quadratic surrogate has theta_0 < 0); it is
+        still judged by rule (13), without reversing its sign. The confidence (NaN for kde) is the share of
+        draws for which the grid point passes.
 
     Raises
     ------
     InputError
-        As `wearscope.evaluation.scope.scope_table`.
+        Unknown factor or method, an empty grid, a non-positive sigma, probabilities out of order.
     """
-    deltas, sigmas = np.asarray(deltas, dtype=float), np.asarray(sigmas, dtype=float)
-    check_setting(deltas, sigmas, methods, false_alarm, detection, runs)
+    levels = nominal_levels(PAPER_FACTORS) if levels is None else levels
+    changes, variations = (
+        paper if given is None else np.asarray(given, dtype=float)
+        for given, paper in zip((deltas, sigmas), paper_grid(), strict=True)
+    )
+    check_setting(changes, variations, methods, false_alarm, detection, runs)
     blocks = []
-    for key, surrogate in chosen:
-        names = surrogate.names
+    for key, surrogate in cells:
         for factor in factors:
-            if factor not in names or factor == FAULT:
-                raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(names[1:])}.")
-            table = Tabulated(surrogate, factor, levels, deltas, f0)
-            mean, nodes, centre = table.mean, table.nodes, table.centre
-            middle = mean[:, len(nodes) // 2]
-            if surrogate.status == "constant":
-                status = "constant"
-            else:
-                status = "decreasing" if middle[np.argmax(deltas) + 1] < middle[0] else "ok"
+            if factor not in surrogate.names or factor == FAULT:
+                raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(surrogate.names[1:])}.")
+            line = respond_along(surrogate, factor, levels, changes, f0)
             for method in methods:
-                sure = np.full((len(sigmas), len(deltas)), np.nan)
-                if status == "constant":
+                sure = np.full((len(variations), len(changes)), np.nan)
+                if line.status == "constant":
                     p_d = np.zeros(sure.shape)
-                    sure = np.zeros(sure.shape) if method == "exact" else sure
+                    sure = p_d if method == "exact" else sure
                 elif method == "exact":
-                    p_d = tabulated_scope(mean, nodes, sigmas, false_alarm, centre)
-                    if draws:
-                        rng = generator_for(seed, "sampled scope", cell_name(key), factor)
-                        sure = table.drawn_passes(sigmas, rng, draws, false_alarm, detection).mean(axis=0)
+                    p_d = line.detect(variations, np.array([false_alarm]))[1][..., 0]
+                    rng = generator_for(seed, line.stream, cell_name(key), factor)
+                    count = line.draws if draws is None else draws
+                    sure = line.find_confidence(variations, rng, count, false_alarm, detection)
                 else:
-                    p_d = tabulated_kde(mean, nodes, sigmas, false_alarm, runs, seed, centre)
-                blocks.append(((*key, CHOSEN), factor, method, status, p_d, sure))
-    return long_table(blocks, deltas, sigmas, detection)
+                    p_d = estimate_by_kernels(line, variations, false_alarm, runs, seed)
+                blocks.append(((*key, CHOSEN)[:5], factor, method, line.status, p_d, sure))
+    return _lengthen(blocks, changes, variations, detection)
+
+
+def check_setting(
+    deltas: np.ndarray,
+    sigmas: np.ndarray,
+    methods: Sequence[str],
+    p_f: float,
+    p_d: float,
+    runs: int,
+) -> None:
+    """Raise InputError where grid, methods or probabilities do not allow a scope to be computed."""
+    if deltas.size == 0 or sigmas.size == 0 or not np.all(sigmas > 0):
+        raise InputError(
+            "scope: the grid is empty or has a sigma that is not positive; correct deltas or sigmas."
+        )
+    wrong = [method for method in methods if method not in METHODS]
+    if wrong or not methods:
+        raise InputError(f"scope: methods {list(methods)}; choose among {', '.join(METHODS)}.")
+    if not 0 < p_f < p_d < 1:
+        raise InputError(f"scope: P_f' {p_f} and P_d' {p_d} must lie between 0 and 1, in that order.")
+    if "kde" in methods and runs < 100:
+        raise InputError(f"scope: {runs} runs; use at least 100.")
+
+
+def _lengthen(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
+    """Return a table in long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
+    size = deltas.size * sigmas.size
+    keys, factors, methods, statuses, p_d, confidence = zip(*blocks, strict=True)
+    found = np.concatenate([one.ravel() for one in p_d])
+    return pd.DataFrame(
+        {
+            **{name: np.repeat([key[k] for key in keys], size) for k, name in enumerate([*CELL, "model"])},
+            "factor": np.repeat(factors, size),
+            "delta": np.tile(np.tile(deltas, sigmas.size), len(blocks)),
+            "sigma": np.tile(np.repeat(sigmas, deltas.size), len(blocks)),
+            "p_d": found,
+            "passes": found >= detection,
+            "method": np.repeat(methods, size),
+            "status": np.repeat(statuses, size),
+            "confidence": np.concatenate([one.ravel() for one in confidence]),
+        }
+    )
 
 
 RESPONSE_STEPS = 33
-
-#: Cells (robot, cycle, axis, fda), each with its surrogate.
-Cells = Iterable[tuple[tuple, ChosenSurrogate | Surrogate]]
 
 
 def response_table(
@@ -429,7 +587,9 @@ def detection_table(
     parts = []
     for key, surrogate in cells:
         for factor in factors:
-            h, p_d = _detect(surrogate, factor, levels, f0, deltas, sigmas, wanted)
+            line = respond_along(surrogate, factor, levels, deltas, f0)
+            h, p_d = line.detect(sigmas, wanted)
+            h = np.full_like(h, np.nan) if line.status == "constant" else h
             table = {
                 **dict(zip(CELL, key, strict=False)),
                 "factor": factor,
@@ -439,41 +599,6 @@ def detection_table(
             }
             parts.append(pd.DataFrame(table))
     return pd.concat(parts, ignore_index=True)
-
-
-def _detect(
-    surrogate: ChosenSurrogate | Surrogate,
-    factor: str,
-    levels: Mapping[str, float],
-    f0: float,
-    deltas: Array,
-    sigmas: Array,
-    wanted: Array,
-) -> tuple[Array, Array]:
-    """Return thresholds (S, P) and P_d (S, J, P) at the wanted probabilities of false alarm (P,)."""
-    if surrogate.status == "constant":
-        empty = np.full((len(sigmas), len(wanted)), np.nan)
-        return empty, np.zeros((len(sigmas), len(deltas), len(wanted)))
-    if isinstance(surrogate, ChosenSurrogate):
-        return _detect_tabulated(Tabulated(surrogate, factor, levels, deltas, f0), sigmas, wanted)
-    null, alternatives = scope_quadratics(surrogate, factor, deltas, sigmas, f0, levels)
-    h = alarm_threshold(null[:, None, :], wanted)
-    return h, tail_probability(alternatives[:, :, None, :], h[:, None, :])
-
-
-def _detect_tabulated(table: Tabulated, sigmas: Array, wanted: Array) -> tuple[Array, Array]:
-    """Return thresholds (S, P) and P_d (S, J, P) of a tabulated response."""
-    mean = table.mean
-    h = np.empty((len(sigmas), len(wanted)))
-    p_d = np.empty((len(sigmas), len(mean) - 1, len(wanted)))
-    for s, sigma in enumerate(sigmas):
-        left, share = interpolation(table.nodes, table.centre + sigma * SPREAD)
-        y = mean[:, left] + share * (mean[:, left + 1] - mean[:, left])
-        order = np.argsort(-y[0], kind="stable")
-        for p, one in enumerate(wanted):
-            h[s, p] = weighted_threshold(y[0], order, WEIGHTS, one)
-            p_d[s, :, p] = (y[1:] >= h[s, p]) @ WEIGHTS
-    return h, p_d
 
 
 def largest_passing(passes: NDArray[np.bool_], sigmas: Array) -> Array:
@@ -508,7 +633,7 @@ def sampled_tolerance(
     draws : int
         Number of response functions that are drawn.
     f0, false_alarm, detection : float
-        As in `wearscope.evaluation.scope.scope_table`.
+        As in `scope_table`.
 
     Returns
     -------
@@ -520,6 +645,6 @@ def sampled_tolerance(
     if surrogate.status == "constant":
         return np.zeros(len(deltas)), np.zeros((draws, len(deltas)))
     table = Tabulated(surrogate, factor, levels, deltas, f0)
-    value = tabulated_scope(table.mean, table.nodes, sigmas, false_alarm, table.centre) >= detection
+    value = table.detect(sigmas, np.array([false_alarm]))[1][..., 0] >= detection
     passes = table.drawn_passes(sigmas, rng, draws, false_alarm, detection)
     return largest_passing(value.T, sigmas), largest_passing(np.swapaxes(passes, 1, 2), sigmas)

@@ -13,20 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from wearscope.designs.factors import FAULT, PAPER_FACTORS, nominal_levels
-from wearscope.designs.kinds import generator_for
-from wearscope.errors import InputError
 from wearscope.evaluation.grouping import check_group
-from wearscope.evaluation.snr import output_status
 from wearscope.surrogates.fitting import (
     CELL,
     Surrogate,
-    cell_name,
     expand_coefficients,
     hold_levels,
-    surrogates_of,
 )
 
-METHODS = ("exact", "kde")
 Array = NDArray[np.float64]
 #: A grid point is sure where it passes for at least this share of the draws of a surrogate.
 SURE = 0.95
@@ -47,7 +41,7 @@ def count_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFra
     Parameters
     ----------
     scope : DataFrame
-        From `wearscope.evaluation.scope.scope_table`; ``confidence`` may be missing.
+        From `wearscope.evaluation.sampled_scope.scope_table`; ``confidence`` may be missing.
     by : sequence of str
         Any subset of ``robot``, ``cycle``, ``axis``, ``fda``.
 
@@ -274,54 +268,6 @@ def along_operator(
     return np.stack([level, slope, np.broadcast_to(q[:, k, k], slope.shape)], axis=-1)
 
 
-def pass_confidence(
-    surrogate: Surrogate,
-    factor: str,
-    deltas: Array,
-    sigmas: Array,
-    levels: Mapping[str, float],
-    rng: np.random.Generator,
-    draws: int = 200,
-    f0: float = -2.0,
-    false_alarm: float = 0.01,
-    detection: float = 0.99,
-) -> Array:
-    """Return the share of coefficient draws for which a grid point meets (12), by the exact method.
-
-    Parameters
-    ----------
-    surrogate : Surrogate
-    factor : str
-        Nuisance that varies.
-    deltas, sigmas : array (J,), (S,)
-    levels : mapping
-        Coded levels of the other nuisances.
-    rng : numpy.random.Generator
-    draws : int
-        Number of coefficient vectors, see `Surrogate.draw_coefficients`; the share has a standard error of at
-        most 0.5 / sqrt(draws).
-    f0, false_alarm, detection : float
-        As in `wearscope.evaluation.scope.scope_table`.
-
-    Returns
-    -------
-    array (S, J)
-        0 for a constant test quantity; NaN without residual degrees of freedom or draws.
-    """
-    shape = (len(sigmas), len(deltas))
-    if surrogate.status == "constant":
-        return np.zeros(shape)
-    if surrogate.dof < 1 or draws < 1:
-        return np.full(shape, np.nan)
-    theta = surrogate.draw_coefficients(rng, draws)
-    maps = along_operator(surrogate, factor, levels, f0 + np.concatenate([[0.0], deltas]))
-    along = np.einsum("dp,jpc->jdc", theta, maps)
-    null = standardise(along[0], sigmas[:, None])
-    worn = standardise(along[1:], sigmas[:, None, None])
-    p_d = detection_probability(null[:, None], worn, false_alarm)
-    return np.mean(p_d >= detection, axis=-1)
-
-
 def paper_grid() -> tuple[np.ndarray, np.ndarray]:
     """Return the linear grid (16) of the paper, coded: Delta from 0 to 4, sigma from 0.01 to 1."""
     return np.linspace(0.0, 4.0, 30), np.linspace(0.01, 1.0, 30)
@@ -350,177 +296,13 @@ def scope_quadratics(
 
     Returns
     -------
-    null : array (S, 3)
+    null : array (S, 1, 3)
     alternatives : array (S, J, 3)
     """
     held = dict(nominal_levels(PAPER_FACTORS) if levels is None else levels)
-    null = surrogate.along(factor, {**held, FAULT: f0})
-    alternatives = np.stack([surrogate.along(factor, {**held, FAULT: f0 + d}) for d in deltas])
-    return (
-        standardise(null, sigmas),
-        standardise(alternatives[None, :, :], sigmas[:, None]),
-    )
-
-
-def exact_scope(null: np.ndarray, alternatives: np.ndarray, false_alarm: float = 0.01) -> np.ndarray:
-    """Return exact P_d (..., S, J) of eq. (14) on the grid from A, B, C (..., S, 3) and (..., S, J, 3)."""
-    return detection_probability(null[..., None, :], alternatives, false_alarm)
-
-
-def kde_scope(
-    null: np.ndarray,
-    alternatives: np.ndarray,
-    false_alarm: float = 0.01,
-    runs: int = 100_000,
-    seed: int = 0,
-) -> np.ndarray:
-    """Compute P_d (14) on the grid by Monte Carlo and kernel density estimates.
-
-    Parameters
-    ----------
-    null : array (S, 3)
-    alternatives : array (S, J, 3)
-    false_alarm : float
-    runs : int
-        Number of draws for each sigma and hypothesis. All fault changes at one sigma share the draws of H1,
-        and all cells and factors share all draws.
-    seed : int
-
-    Returns
-    -------
-    array (S, J)
-    """
-    from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs  # brings numba
-
-    result = np.empty(alternatives.shape[:2])
-    for s in range(len(null)):
-        x, weights0, weights1 = draw_runs(seed, s, runs)
-        powers = np.stack([np.ones_like(x), x, x * x])
-        result[s] = detection_probabilities(
-            null[s] @ powers, alternatives[s] @ powers, weights0, weights1, runs, false_alarm
-        )
-    return result
-
-
-def scope_table(
-    surrogates: pd.DataFrame,
-    factors: Sequence[str] = ("w3", "w5"),
-    model: str = "full",
-    methods: Sequence[str] = METHODS,
-    deltas: Sequence[float] | None = None,
-    sigmas: Sequence[float] | None = None,
-    f0: float = -2.0,
-    levels: Mapping[str, float] | None = None,
-    false_alarm: float = 0.01,
-    detection: float = 0.99,
-    runs: int = 100_000,
-    seed: int = 0,
-    draws: int = 200,
-) -> pd.DataFrame:
-    """Compute the scope matrices of every cell, in long form.
-
-    The rows of a cell do not depend on the other cells, so that a study can be computed in parts.
-
-    Parameters
-    ----------
-    surrogates : DataFrame
-        From `wearscope.surrogates.fitting.fit_surrogates`.
-    factors : sequence of str
-        Nuisances that vary, one at a time.
-    model : str
-    methods : sequence of {"exact", "kde"}
-    deltas, sigmas : sequence of float, optional
-        Coded grid (16); by default `paper_grid`.
-    f0 : float
-        Coded fault level of H0.
-    levels : mapping, optional
-        Coded levels at which the other nuisances are fixed; by default the nominal point (18).
-    false_alarm, detection : float
-        P_f', P_d'.
-    runs, seed
-        See `kde_scope`.
-    draws : int
-        Number of coefficient draws for ``confidence``; 0 for none.
-
-    Returns
-    -------
-    DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``factor``, ``delta``, ``sigma``, ``p_d``,
-        ``passes``, ``method``, ``status``, ``confidence``. The status is ``ok``, ``constant`` (never passes)
-        or ``decreasing``: theta_0 < 0, so that the test quantity falls with wear; it is still judged by rule
-        (13), without reversing its sign. The confidence (NaN for kde) is the share of coefficient draws for
-        which the grid point passes.
-
-    Raises
-    ------
-    InputError
-        Unknown factor or method, an empty grid, a non-positive sigma, probabilities out of order.
-    """
-    grid_d, grid_s = paper_grid()
-    grid_d = grid_d if deltas is None else np.asarray(deltas, dtype=float)
-    grid_s = grid_s if sigmas is None else np.asarray(sigmas, dtype=float)
-    check_setting(grid_d, grid_s, methods, false_alarm, detection, runs)
-    held = nominal_levels(PAPER_FACTORS) if levels is None else dict(levels)
-    blocks = []
-    for key, surrogate in surrogates_of(surrogates, model):
-        for factor in factors:
-            if factor not in surrogate.names or factor == FAULT:
-                raise InputError(f"scope: '{factor}' is no nuisance; use {', '.join(surrogate.names[1:])}.")
-            null, alternatives = scope_quadratics(surrogate, factor, grid_d, grid_s, f0, held)
-            for method in methods:
-                if method == "exact":
-                    p_d = exact_scope(null, alternatives, false_alarm)
-                    stream = generator_for(seed, "scope confidence", cell_name(key), factor)
-                    sure = pass_confidence(
-                        surrogate, factor, grid_d, grid_s, held, stream, draws, f0, false_alarm, detection
-                    )  # fmt: skip
-                else:
-                    p_d = kde_scope(null, alternatives, false_alarm, runs, seed)
-                    sure = np.full(p_d.shape, np.nan)
-                blocks.append((key, factor, method, output_status(surrogate), p_d, sure))
-    return long_table(blocks, grid_d, grid_s, detection)
-
-
-def check_setting(
-    deltas: np.ndarray,
-    sigmas: np.ndarray,
-    methods: Sequence[str],
-    p_f: float,
-    p_d: float,
-    runs: int,
-) -> None:
-    """Raise InputError where grid, methods or probabilities do not allow a scope to be computed."""
-    if deltas.size == 0 or sigmas.size == 0 or not np.all(sigmas > 0):
-        raise InputError(
-            "scope: the grid is empty or has a sigma that is not positive; correct deltas or sigmas."
-        )
-    wrong = [method for method in methods if method not in METHODS]
-    if wrong or not methods:
-        raise InputError(f"scope: methods {list(methods)}; choose among {', '.join(METHODS)}.")
-    if not 0 < p_f < p_d < 1:
-        raise InputError(f"scope: P_f' {p_f} and P_d' {p_d} must lie between 0 and 1, in that order.")
-    if "kde" in methods and runs < 100:
-        raise InputError(f"scope: {runs} runs; use at least 100.")
-
-
-def long_table(blocks: list, deltas: np.ndarray, sigmas: np.ndarray, detection: float) -> pd.DataFrame:
-    """Return a table in long form of blocks (key, factor, method, status, P_d (S, J), confidence (S, J))."""
-    size = deltas.size * sigmas.size
-    keys, factors, methods, statuses, p_d, confidence = zip(*blocks, strict=True)
-    found = np.concatenate([one.ravel() for one in p_d])
-    return pd.DataFrame(
-        {
-            **{name: np.repeat([key[k] for key in keys], size) for k, name in enumerate([*CELL, "model"])},
-            "factor": np.repeat(factors, size),
-            "delta": np.tile(np.tile(deltas, sigmas.size), len(blocks)),
-            "sigma": np.tile(np.repeat(sigmas, deltas.size), len(blocks)),
-            "p_d": found,
-            "passes": found >= detection,
-            "method": np.repeat(methods, size),
-            "status": np.repeat(statuses, size),
-            "confidence": np.concatenate([one.ravel() for one in confidence]),
-        }
-    )
+    rows = np.stack([surrogate.along(factor, {**held, FAULT: f0 + d}) for d in (0.0, *deltas)])
+    standard = standardise(rows, sigmas[:, None])
+    return standard[:, :1], standard[:, 1:]
 
 
 def group_scope(scope: pd.DataFrame, by: Sequence[str] = ("fda",)) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from wearscope.demonstration.motions import make_motion
 from wearscope.demonstration.twin import STEP as TWIN_STEP
 from wearscope.demonstration.twin import TWIN, simulate_run
 from wearscope.detectors.base import load_detector
-from wearscope.evaluation.sampled_scope import table_nodes, tabulated_scope
+from wearscope.evaluation.sampled_scope import detect_tabulated, table_nodes
 from wearscope.evaluation.scope_kde import detection_probabilities, draw_runs
 from wearscope.plugins import list_names
 from wearscope.robots.model import load_model
@@ -48,7 +48,7 @@ def compile_ahead() -> None:
     nodes, weights0, weights1 = draw_runs(1, 0, 100)
     detection_probabilities(nodes, nodes[None] + 1.0, weights0, weights1, 100)
     levels = table_nodes()
-    tabulated_scope(np.stack([levels, levels + 1.0]), levels, np.ones(1))
+    detect_tabulated(np.stack([levels, levels + 1.0]), levels, np.ones(1))
     simulate_run(
         TWIN, make_motion(TWIN, "sweep", 1, 1.0, 1.0 / TWIN_STEP), 40.0, "gravity_counterbalance", 0.0
     )
