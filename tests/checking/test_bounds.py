@@ -184,21 +184,17 @@ def test_tables_are_bounded_before_they_are_read(tmp_path, refuses):
 COLD = {"description": "d", "kind": "temperature", "range": [-300, 0], "unit": "degC"}
 
 
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"snr": {"runs": 10**15}}, "snr.runs: 1e+15 is larger than 1e+09"),
-        ({"axes": list(range(1, 99999))}, "axes"),
-        ({"robots": [f"r{k}" for k in range(20000)]}, "robots: has 20000 entries, more than 10000"),
-        ({"robots": ["a{b}"]}, "holds a brace"),
-        ({"time_limit": 1e300}, "time_limit: 1e+300 is larger"),
-        ({"seed": 16**5000}, "seed"),
-        ({"factors": {"w": COLD}}, "below absolute zero"),
-    ],
-)
-def test_lists_and_numbers_of_a_configuration_are_bounded(change, told):
-    with pytest.raises(InputError, match=re.escape(told)):
-        load_config({**QUICK, **change})
+def test_lists_and_numbers_of_a_configuration_are_bounded(refuses):
+    for change in (
+        {"snr": {"runs": 10**15}},
+        {"axes": list(range(1, 99999))},
+        {"robots": [f"r{k}" for k in range(20000)]},
+        {"robots": ["a{b}"]},
+        {"time_limit": 1e300},
+        {"seed": 16**5000},
+        {"factors": {"w": COLD}},
+    ):
+        refuses(load_config, {**QUICK, **change})
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from wearscope.checking.own_code import check_file, make_batch
 from wearscope.checking.robot import check_model, check_robot_folder
 from wearscope.checking.study import check_study
 from wearscope.cli.check import inspect
-from wearscope.errors import Findings, InputError
+from wearscope.errors import Findings
 from wearscope.home import find_home
 from wearscope.robots.model import load_model
 from wearscope.starters.conversion import convert_recordings
@@ -242,10 +242,9 @@ def test_own_code_that_is_wrong_gets_a_sentence(text, problem, tmp_path):
     assert len(found.problems) == 1 and problem in found.problems[0]
 
 
-def test_a_file_without_anything_to_check_says_so(tmp_path):
+def test_a_file_without_anything_to_check_says_so(tmp_path, refuses):
     (tmp_path / "own.py").write_text("x = 1")
-    with pytest.raises(InputError, match="defines no DETECTOR, CYCLE, EFFECT"):
-        check_file(tmp_path / "own.py")
+    refuses(check_file, tmp_path / "own.py")
 
 
 def test_the_home_s_names_can_be_checked():

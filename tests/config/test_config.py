@@ -7,7 +7,6 @@ from wearscope.closed_loop.inference.policy import Policy
 from wearscope.config import SimulationSettings, StudyConfig, label, load_config, make_schema
 from wearscope.designs.factors import PAPER_FACTORS, Factor
 from wearscope.designs.kinds import make_design
-from wearscope.errors import InputError
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -15,15 +14,6 @@ CONFIG = Path(__file__).parents[2] / "config"
 @pytest.fixture
 def paper() -> dict:
     return yaml.safe_load((CONFIG / "config.yaml").read_text())
-
-
-def refuse(mapping: dict, *words: str) -> None:
-    with pytest.raises(InputError) as caught:
-        load_config(mapping)
-    message = str(caught.value)
-    assert "\n" not in message and message.endswith((".", "?"))
-    for word in words:
-        assert word in message
 
 
 def test_default_study_is_the_paper(paper):
@@ -81,48 +71,38 @@ def test_detector_shorthand(paper):
     assert detectors["A"].options == {"x": 1}
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"sede": 1}, ["sede is no known setting", "did you mean seed?"]),
-        ({"snr": {"sigmaa": 1}}, ["snr.sigmaa is no known setting", "sigma?"]),
-        ({"detectors": {"A": {"use": "x", "option": {}}}}, ["detectors.A.option", "options?"]),
-        ({"snr": {"sigma": -1}}, ["snr.sigma", "greater than 0", "-1"]),
-        ({"snr": {"sigma": "small"}}, ["snr.sigma", "'small'"]),
-        ({"scope": {"factors": ["f"]}}, ["scope.factors: f is no nuisance", "w3"]),
-        ({"scope": {"p_d": 1.0}}, ["scope.p_d"]),
-        ({"surrogates": {"models": ["main"]}}, ["sensitivity.model", "simplified", "surrogates.models"]),
-        ({"robots": []}, ["robots"]),
-        ({"robots": ["medium", "medium"]}, ["robots: medium is named twice"]),
-        ({"robots": ["medium", "other/medium"]}, ["both be called medium"]),
-        ({"axes": [0]}, ["axes.0", "1"]),
-        ({"axes": [1, 2, 3, 4]}, ["axes: axis 4 has no wear factor"]),
-        ({"axes": [1, 1]}, ["axes: 1 is named twice"]),
-        ({"study": "my study"}, ["study: such a name starts with", "'_', '-' and '.'", "'my study'"]),
-        ({"factors": {"1": {}}}, ["factors.1", "starts with a letter"]),
-        ({"study": "archive"}, ["study: results/archive/ holds something else"]),
-        ({"design": {"kind": "cube"}}, ["design.kind", "central_composite", "'cube'"]),
-        ({"max_failed_share": 2}, ["max_failed_share"]),
-        ({"scope": {"p_f": 0.9, "p_d": 0.8}}, ["scope.p_f: is not below scope.p_d"]),
-        ({"detect": {"p_f": 0.5, "p_d": 0.5}}, ["detect.p_f: is not below detect.p_d"]),
-    ],
-)
-def test_bad_setting_is_named(paper, change, words):
-    paper.update(change)
-    refuse(paper, *words)
+def test_bad_setting_is_named(paper, refuses):
+    for change in (
+        {"sede": 1},
+        {"snr": {"sigmaa": 1}},
+        {"detectors": {"A": {"use": "x", "option": {}}}},
+        {"snr": {"sigma": -1}},
+        {"snr": {"sigma": "small"}},
+        {"scope": {"factors": ["f"]}},
+        {"scope": {"p_d": 1.0}},
+        {"surrogates": {"models": ["main"]}},
+        {"robots": []},
+        {"robots": ["medium", "medium"]},
+        {"robots": ["medium", "other/medium"]},
+        {"axes": [0]},
+        {"axes": [1, 2, 3, 4]},
+        {"axes": [1, 1]},
+        {"study": "my study"},
+        {"factors": {"1": {}}},
+        {"study": "archive"},
+        {"design": {"kind": "cube"}},
+        {"max_failed_share": 2},
+        {"scope": {"p_f": 0.9, "p_d": 0.8}},
+        {"detect": {"p_f": 0.5, "p_d": 0.5}},
+    ):
+        refuses(load_config, paper | change)
 
 
-def test_missing_setting_is_named(paper):
-    del paper["robots"]
-    refuse(paper, "robots is missing")
-
-
-@pytest.mark.parametrize(
-    ("name", "told"), [("w2", "axis 3 has no wear factor"), ("f", "factors: f, the fault, is missing")]
-)
-def test_a_missing_factor_is_named(paper, name, told):
-    del paper["factors"][name]
-    refuse(paper, told)
+def test_missing_setting_or_factor_is_named(paper, refuses):
+    refuses(load_config, {name: one for name, one in paper.items() if name != "robots"})
+    for gone in ("w2", "f"):
+        factors = {name: one for name, one in paper["factors"].items() if name != gone}
+        refuses(load_config, paper | {"factors": factors})
 
 
 @pytest.mark.parametrize(
@@ -155,23 +135,15 @@ def test_labels():
     assert label("my/slow.py") == "slow"
 
 
-def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper):
+def test_numbers_of_the_rule_are_a_section_with_its_own_defaults(paper, refuses):
     settings = load_config(paper).closed_loop
     assert settings.policy == Policy()
     paper["closed_loop"] = {"policy": {"form_error": "1e-3", "seed": 0}, "effects": ["my/hose_drag.py"]}
     changed = load_config(paper).closed_loop
     assert changed.policy == Policy(form_error=0.001, seed=0)
     assert changed.effects == ["my/hose_drag.py"] and not changed.allow_code
-    refuse(
-        {**paper, "closed_loop": {"policy": {"form_eror": 0.1}}},
-        "closed_loop.policy.form_eror",
-        "form_error?",
-    )
-    refuse({**paper, "closed_loop": {"policy": {"flips": 5}}}, "closed_loop.policy.flips", "99")
-    refuse(
-        {**paper, "closed_loop": {"effects": ["hose_drag"]}},
-        "closed_loop.effects: hose_drag is no path of a .py file",
-    )
+    for wrong in ({"policy": {"form_eror": 0.1}}, {"policy": {"flips": 5}}, {"effects": ["hose_drag"]}):
+        refuses(load_config, {**paper, "closed_loop": wrong})
 
 
 @pytest.mark.parametrize(
@@ -188,19 +160,18 @@ def test_code_of_a_data_set_runs_only_where_it_is_allowed(paper, change, allowed
     assert load_config(paper | change).may_run_code() is allowed
 
 
-def test_a_robot_may_borrow_wear_in_one_word_or_in_full(paper):
+def test_a_robot_may_borrow_wear_in_one_word_or_in_full(paper, refuses):
     paper["carry_over"] = {"medium": "large"}
     assert load_config(paper).carry_over["medium"].effects == ["wear", "temperature"]
     paper["carry_over"] = {"medium": {"source": "large", "effects": ["wear"], "reference": 40}}
     assert load_config(paper).carry_over["medium"].reference == 40.0
-    refuse({**paper, "carry_over": {"arm": "large"}}, "carry_over: arm", "medium, large")
-    refuse({**paper, "carry_over": {"medium": {"source": "large", "effects": ["rust"]}}}, "carry_over.medium")
+    for wrong in ({"arm": "large"}, {"medium": {"source": "large", "effects": ["rust"]}}):
+        refuses(load_config, {**paper, "carry_over": wrong})
 
 
-def test_both_sides_of_a_reevaluation_are_given_or_none(paper):
-    refuse({**paper, "reevaluate": {"before": ["medium"]}}, "reevaluate: after: is missing")
-    refuse({**paper, "reevaluate": {"local_points": 3, "replicates": 4}}, "reevaluate: replicates 4")
-    refuse({**paper, "reevaluate": {"cycles": ["dance"]}}, "reevaluate.cycles: dance", "point_to_point")
+def test_both_sides_of_a_reevaluation_are_given_or_none(paper, refuses):
+    for wrong in ({"before": ["medium"]}, {"local_points": 3, "replicates": 4}, {"cycles": ["dance"]}):
+        refuses(load_config, {**paper, "reevaluate": wrong})
     study = load_config({**paper, "reevaluate": {"before": ["medium"], "after": ["large"]}})
     assert study.reevaluate.before == ["medium"]
 
@@ -249,48 +220,33 @@ def test_a_study_is_divided_only_above_its_number_of_robots():
     assert study.model_copy(update={"robots": study.robots[:4]}).divide() == []
 
 
-def test_a_factor_may_be_a_number_by_its_path(paper):
+def test_a_factor_may_be_a_number_by_its_path(paper, refuses):
     noise = {"description": "noise", "kind": "sensors.torque_noise", "range": [-50, 50], "unit": "%"}
     study = load_config({**paper, "factors": {**paper["factors"], "w3": noise}})
     assert study.factor_kinds()["w3"] == "sensors.torque_noise %"
     assert study.factor_ranges()["w3"] == ["sensors.torque_noise %", -50.0, 50.0]
-    for kind, words in (
-        ("sound", "'sound' is none of wear, temperature, dwell, payload_mass_error, nor the path"),
-        ("wear.axis_1", "nor the path of a number"),
-        ("detectors.Z.bins", "there is no detector Z; choose among A, B, C, D, E"),
-    ):
-        refuse({**paper, "factors": {**paper["factors"], "w3": {**noise, "kind": kind}}}, words)
+    for kind in ("sound", "wear.axis_1", "detectors.Z.bins"):
+        refuses(load_config, {**paper, "factors": {**paper["factors"], "w3": {**noise, "kind": kind}}})
     rated = {
         **paper["factors"],
         "w3": {**noise, "kind": "sensors.sample_rate", "range": [50, 250], "unit": "Hz"},
     }
     assert load_config({**paper, "factors": rated}).factor_kinds()["w3"] == "sensors.sample_rate"
     paper["simulation"] = {**paper.get("simulation", {}), "sample_rate": 125}
-    refuse({**paper, "factors": rated}, "factors.w3.kind: simulation.sample_rate sets one rate for all runs")
+    refuses(load_config, {**paper, "factors": rated})
 
 
-@pytest.mark.parametrize(
-    ("name", "changes", "words"),
-    [
-        (
-            "w3",
-            {"unit": "degF"},
-            ["config: factors.w3: unit: temperature is in degC, not 'degF'; give its values"],
-        ),
-        ("w4", {"unit": "s"}, ["unit: dwell is in ms, not 's'"]),
-        ("w5", {"unit": "kg"}, ["unit: payload mass error is in %, not 'kg'"]),
-        ("f", {"unit": "mm"}, ["unit: wear is in 1, not 'mm'"]),
-        (
-            "w3",
-            {"range": [86, 158]},
-            ["config: factors.w3: validation: 35 to 63 lies outside the range 86 to 158"],
-        ),
-        ("w3", {"range": [70, 30]}, ["factors.w3", "70", "not below"]),
-        ("w1", {"range": [0, 40], "validation": [5, 35]}, ["wear", "one range"]),
-        ("point", {}, ["factors.point: tables have a column of this name"]),
-    ],
-)
-def test_a_factor_that_cannot_be_is_refused(paper, name, changes, words):
-    factors = paper["factors"]
-    factors[name] = {**factors.get(name, factors["w4"]), **changes}
-    refuse(paper, *words)
+def test_a_factor_that_cannot_be_is_refused(paper, refuses):
+    for name, changes in (
+        ("w3", {"unit": "degF"}),
+        ("w4", {"unit": "s"}),
+        ("w5", {"unit": "kg"}),
+        ("f", {"unit": "mm"}),
+        ("w3", {"range": [86, 158]}),
+        ("w3", {"range": [70, 30]}),
+        ("w1", {"range": [0, 40], "validation": [5, 35]}),
+        ("point", {}),
+    ):
+        factors = paper["factors"]
+        factor = {**factors.get(name, factors["w4"]), **changes}
+        refuses(load_config, paper | {"factors": factors | {name: factor}})

@@ -8,7 +8,6 @@ from wearscope.cycles.base import Reference, required_torque
 from wearscope.demonstration.simulated_twin.model import OWN_EFFECTS, make_true_model
 from wearscope.demonstration.twin import STEP, TWIN, _friction, _gas_spring, simulate_run
 from wearscope.effects.base import Signals, load_effect
-from wearscope.errors import InputError
 from wearscope.robots.model import load_model
 
 
@@ -62,6 +61,5 @@ def test_the_model_gives_the_recorded_torque(found):
     assert np.abs(np.delete(made - without, 1, axis=1)).max() < 1e-9
 
 
-def test_another_robot_s_truth_is_refused(found):
-    with pytest.raises(InputError, match="not of the demonstration's twin"):
-        make_true_model(found, truth(robot="arm"))
+def test_another_robot_s_truth_is_refused(found, refuses):
+    refuses(make_true_model, found, truth(robot="arm"))

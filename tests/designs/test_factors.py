@@ -8,7 +8,6 @@ from wearscope.designs.factors import (
     nominal_levels,
     wear_names,
 )
-from wearscope.errors import InputError
 
 TABLE_1 = {
     "f": [0, 12.5, 25, 37.5, 50],
@@ -53,21 +52,17 @@ def change(k, **fields):
     return factors
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: change(3, low=70, high=30), "factor 'w3': low 70 is not below high 30"),
-        (lambda: change(3, levels=1), "factor 'w3': levels is 1"),
-        (lambda: change(3, validation_low=10), "factor 'w3': the validation range 10.0..63.0"),
-        (lambda: change(3, role="noise"), "factor 'w3': role is 'noise'"),
-        (lambda: change(3, nominal=3.0), "factor 'w3': nominal 3.0"),
-        (lambda: change(3, name="y"), "factor 'y': the name"),
-        (lambda: check_factors(change(3, name="w4")), "the name 'w4' is used twice"),
-        (lambda: check_factors(PAPER_FACTORS[1:]), "declare exactly one, named 'f'"),
-        (lambda: check_factors([PAPER_FACTORS[1], PAPER_FACTORS[0]]), "put 'f' before it"),
-        (lambda: check_factors(change(1, high=60)), "wear factors differ"),
-    ],
-)
-def test_bad_factors_get_one_sentence(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
+def test_bad_factors_get_one_sentence(refuses):
+    for make in (
+        lambda: change(3, low=70, high=30),
+        lambda: change(3, levels=1),
+        lambda: change(3, validation_low=10),
+        lambda: change(3, role="noise"),
+        lambda: change(3, nominal=3.0),
+        lambda: change(3, name="y"),
+        lambda: check_factors(change(3, name="w4")),
+        lambda: check_factors(PAPER_FACTORS[1:]),
+        lambda: check_factors([PAPER_FACTORS[1], PAPER_FACTORS[0]]),
+        lambda: check_factors(change(1, high=60)),
+    ):
+        refuses(make)

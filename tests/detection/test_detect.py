@@ -162,9 +162,8 @@ def test_what_cannot_be_judged_is_refused_in_one_sentence(machine, judged, field
         detect(machine(judged, nominal=3, fields=fields), make_duo())
 
 
-def test_a_rate_that_the_runs_cannot_give_is_refused_before_anything_is_read():
-    with pytest.raises(InputError, match=r"takes 999 runs without wear, but detect\.runs is 39"):
-        detect("nowhere", make_duo(), p_f=0.001)
+def test_a_rate_that_the_runs_cannot_give_is_refused_before_anything_is_read(refuses):
+    refuses(detect, "nowhere", make_duo(), p_f=0.001)
 
 
 def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, tmp_path):
@@ -187,6 +186,5 @@ def test_a_detector_that_hangs_or_cannot_be_fitted_is_named(machine, tmp_path):
     assert set(found.detection.loc[found.detection["fda"] == "C", "verdict"]) <= {"no alarm", "unchecked"}
 
 
-def test_what_cannot_be_judged_is_told_before_the_loop_is_closed():
-    with pytest.raises(InputError, match=r"nothing can be judged: runs/sweeps\.parquet is of another motion"):
-        check_recordings(example_dataset())
+def test_what_cannot_be_judged_is_told_before_the_loop_is_closed(refuses):
+    refuses(check_recordings, example_dataset())

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 
 from wearscope.closed_loop.inference.policy import Policy
-from wearscope.errors import InputError
 from wearscope.reporting.closed_loop import (
     against_signal,
     dominant_signals,
@@ -246,9 +245,8 @@ def test_a_simulation_that_strays_further_than_the_declared_model_s_is_said(afte
     assert doubt_simulation(None) == ""
 
 
-def test_folder_without_a_loop_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"verdict\.json.*close the loop first"):
-        write_closed_loop_page(tmp_path)
+def test_folder_without_a_loop_is_refused(tmp_path, refuses):
+    refuses(write_closed_loop_page, tmp_path)
 
 
 def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):

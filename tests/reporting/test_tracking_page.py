@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from wearscope.errors import InputError
 from wearscope.reporting.page_strip import read_strip
 from wearscope.reporting.tracking_page import (
     Tracking,
@@ -139,9 +138,8 @@ def test_a_change_of_unknown_cause_is_a_state_of_the_trend(tmp_path):
     assert set(trend_names(read_tracking(tmp_path))) == {"friction"}
 
 
-def test_folder_in_which_nothing_was_tracked_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"tracking\.json.*track the machine first"):
-        write_tracking_page(tmp_path)
+def test_folder_in_which_nothing_was_tracked_is_refused(tmp_path, refuses):
+    refuses(write_tracking_page, tmp_path)
 
 
 def test_each_joint_that_changed_has_a_panel_with_its_alarm_line(tmp_path):

@@ -259,58 +259,50 @@ def simple(inertial=None, kind="revolute", lower="-1", mass="2", ixx="1"):
     return SIMPLE.format(inertial=text, kind=kind, lower=lower)
 
 
-REFUSED = [
-    (simple(inertial=""), "link 'arm' moves but has no mass; add an <inertial>"),
-    (simple(mass="0"), "link 'arm' moves but has no mass"),
-    (simple(mass="-1"), "link 'arm' has the mass -1 kg"),
-    (simple(mass="1e29"), "has the mass 1e+29 kg"),
-    (simple(mass="nan"), "link 'arm': value=\"nan\" is not 1 finite"),
-    (simple(mass="a lot"), "link 'arm': value=\"a lot\""),
-    (simple(ixx="3"), "principal moments 3, 1, 1 kg m^2, which no body"),
-    (simple(ixx="-1"), "link 'arm' has the principal moments -1"),
-    (simple(inertial='<inertial><mass value="2"/></inertial>'), "link 'arm' has the principal moments"),
-    (simple(kind="planar"), "joint 'hinge' is planar"),
-    (simple(kind="floating"), "joint 'hinge' is floating"),
-    (simple(kind="wobbly"), "has the type 'wobbly'"),
-    (simple(lower="2"), "lower limit 2 above its upper limit 1"),
-    (simple().replace("0 1 0", "0 0 0"), "joint 'hinge' has the axis 0 0 0"),
-    (simple().replace('parent link="base"', 'parent link="floor"'), "link 'floor', which is not"),
-    (simple().replace('"arm"', '"base"'), "'base' is used twice"),
-    (simple().replace("</robot>", '<link name="stray"/></robot>'), "2 links have no parent (base, stray)"),
-    (simple().replace("</joint>", '<axis xyz="1 0 0"/></joint>'), "has 2 <axis>s; keep one"),
-    (simple().replace("</robot>", ""), "not well-formed XML"),
-    (simple().replace("robot", "model"), "starts with <model>"),
-    (simple().replace("</robot>", '<x:macro xmlns:x="http://ros.org/wiki/xacro"/></robot>'), "xacro"),
-]
+def test_refusals_say_what_to_mend(refuses):
+    for text in (
+        simple(inertial=""),
+        simple(mass="0"),
+        simple(mass="-1"),
+        simple(mass="1e29"),
+        simple(mass="nan"),
+        simple(mass="a lot"),
+        simple(ixx="3"),
+        simple(ixx="-1"),
+        simple(inertial='<inertial><mass value="2"/></inertial>'),
+        simple(kind="planar"),
+        simple(kind="floating"),
+        simple(kind="wobbly"),
+        simple(lower="2"),
+        simple().replace("0 1 0", "0 0 0"),
+        simple().replace('parent link="base"', 'parent link="floor"'),
+        simple().replace('"arm"', '"base"'),
+        simple().replace("</robot>", '<link name="stray"/></robot>'),
+        simple().replace("</joint>", '<axis xyz="1 0 0"/></joint>'),
+        simple().replace("</robot>", ""),
+        simple().replace("robot", "model"),
+        simple().replace("</robot>", '<x:macro xmlns:x="http://ros.org/wiki/xacro"/></robot>'),
+    ):
+        refuses(normalise_urdf, text, ["hinge"])
+    for text, joints in (
+        (simple(kind="floating"), None),
+        (simple().replace('"hinge"', '"a&#x202e;b"'), None),
+        (simple(), ["elbow"]),
+        (simple(), ["hinge", "hinge"]),
+        (simple(), []),
+        ('<robot name="bare"/>', None),
+        (RICH, ["thumb_joint"]),
+        (RICH, ["finger_joint"]),
+        ("/no/such/robot.urdf", None),
+    ):
+        refuses(normalise_urdf, text, joints)
 
 
-@pytest.mark.parametrize(
-    ("text", "joints", "said"),
-    [
-        *((text, ["hinge"], said) for text, said in REFUSED),
-        (simple(kind="floating"), None, "joint 'hinge' is floating"),
-        (simple().replace('"hinge"', '"a&#x202e;b"'), None, "is named with a control character"),
-        (simple(), ["elbow"], "has no joint 'elbow'; its movable joints are hinge"),
-        (simple(), ["hinge", "hinge"], "named twice"),
-        (simple(), [], "no movable joint"),
-        ('<robot name="bare"/>', None, "URDF: has no links"),
-        (RICH, ["thumb_joint"], "joint 'thumb_joint' mimics 'finger_joint'"),
-        (RICH, ["finger_joint"], "joint 'thumb_joint' mimics 'finger_joint'; coupled"),
-        ("/no/such/robot.urdf", None, "/no/such/robot.urdf: no such file"),
-    ],
-)
-def test_refusals_say_what_to_mend(text, joints, said):
-    with pytest.raises(InputError) as caught:
-        normalise_urdf(text, joints)
-    assert said in str(caught.value)
-
-
-def test_refusal_names_the_lumped_links():
+def test_refusal_names_the_lumped_links(refuses):
     text = RICH.replace('<mass value="6"/>', '<mass value="0.001"/>').replace(
         'ixx="0.05" iyy', 'ixx="50" iyy'
     )
-    with pytest.raises(InputError, match=r"link 'forearm' \(with 'flange', 'finger', 'thumb'\)"):
-        normalise_urdf(text, JOINTS)
+    refuses(normalise_urdf, text, JOINTS)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from single_axis import DRIVE, make_axis
 
 from benchmarks.sessions import describe_arm
 from wearscope.cycles.base import Reference
-from wearscope.errors import InputError, SimulationError
+from wearscope.errors import SimulationError
 from wearscope.robots.model import make_model
 from wearscope.simulation.arrays import Law
 from wearscope.simulation.balance import deflection, invert_deflection
@@ -271,11 +271,10 @@ def test_the_controller_s_inertia_is_the_mean_along_the_motion_and_its_speeds_ar
     np.testing.assert_allclose(law.speed[[0, -1]], reference.v[[0, -1]])
 
 
-def test_a_clock_grows_in_equal_steps():
+def test_a_clock_grows_in_equal_steps(refuses):
     assert find_step([0.0, 0.5, 1.0]) == 0.5
     for t in ([0.0, 1.0], [0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 3.0]):
-        with pytest.raises(InputError, match="does not grow"):
-            find_step(t)
+        refuses(find_step, t)
 
 
 @pytest.mark.parametrize("rotor", [0.0, 5.0])

@@ -13,7 +13,6 @@ from urdf_texts import Joint, describe_robot
 from wearscope.checking.robot import check_robot_folder
 from wearscope.closed_loop.intake.dataset_fields import DatasetFields
 from wearscope.cycles.base import check_reference, list_cycles, load_cycle
-from wearscope.errors import InputError
 from wearscope.robots.friction import friction_from_efficiency, scale_friction_law
 from wearscope.robots.model import RobotModel, load_model
 from wearscope.starters import figures as limits
@@ -51,12 +50,11 @@ def test_friction_law_of_the_study_s_robot_comes_out_of_its_published_figures():
         assert scale_friction_law(*figures) == pytest.approx(entries[joint], rel=1e-5)
 
 
-def test_efficiency_is_the_output_over_the_input_at_the_rated_point():
+def test_efficiency_is_the_output_over_the_input_at_the_rated_point(refuses):
     coulomb, viscous = friction_from_efficiency(0.8, 100.0, 2.0)
     assert 100.0 / (100.0 + coulomb + 2.0 * viscous) == pytest.approx(0.8)
     for wrong in (0.0, 1.0, 85.0, float("nan")):
-        with pytest.raises(InputError, match="between 0 and 1"):
-            friction_from_efficiency(wrong, 100.0, 2.0)
+        refuses(friction_from_efficiency, wrong, 100.0, 2.0)
 
 
 def test_limits_are_the_urdf_s_and_marked_given(tmp_path):
@@ -120,7 +118,7 @@ def test_it_passes_its_own_check_as_it_is(arm, tmp_path):
     assert check_robot_folder(tmp_path / "arm").problems == []
 
 
-def test_a_gripper_of_coupled_joints_is_left_out(tmp_path):
+def test_a_gripper_of_coupled_joints_is_left_out(tmp_path, refuses):
     """A finger that another joint follows is not simulated; a joint that is named is refused as before."""
     urdf = write_arm(tmp_path / "a.urdf", 4, (60.0, 50.0, 20.0, 5.0))
     thumb = (
@@ -131,8 +129,7 @@ def test_a_gripper_of_coupled_joints_is_left_out(tmp_path):
     model, _, notes = make_robot(urdf, "arm", Stated())
     assert list(model.joints) == ["j0", "j1", "j2"]
     assert "j3: left out and locked at 0, as other joints follow it." in notes
-    with pytest.raises(InputError, match="'thumb' mimics 'j3'"):
-        make_robot(urdf, "arm", Stated(joints=["j0", "j1", "j2", "j3"]))
+    refuses(make_robot, urdf, "arm", Stated(joints=["j0", "j1", "j2", "j3"]))
 
 
 def test_an_arm_of_many_joints_is_planned_in_few_rounds(tmp_path, monkeypatch):
@@ -153,25 +150,21 @@ def test_motors_that_cannot_hold_the_arm_are_said_and_replaced(tmp_path):
     assert model.torque_limit[1] > 2.0 and not figures["torque_limit"].given[1]
 
 
-@pytest.mark.parametrize(
-    ("stated", "told"),
-    [
-        ({"coulomb": [1.0, 2.0]}, "--coulomb: has 2 values for 3 joints"),
-        ({"coulomb": [-1.0]}, "--coulomb: holds -1"),
-        ({"efficiency": [85.0]}, "efficiency 85"),
-        ({"gear_ratio": [0.0]}, "--gear-ratio: holds 0; give finite numbers, other than 0"),
-        ({"rotor_inertia": [1e-4]}, "give --gear-ratio with it"),
-        ({"payload": -1.0}, "--payload -1"),
-        ({"joints": ["elbow"]}, "has no joint 'elbow'"),
-        ({"joints": ["j2", "j1"]}, "name each once, from the base on: j1,j2"),
-        ({"speed_limit": [float("nan")]}, "--speed-limit"),
-        ({"speed_limit": [0.0]}, "--speed-limit"),
-        ({"torque_limit": [0.0]}, "--torque-limit"),
-    ],
-)
-def test_a_stated_number_that_is_none_gets_one_sentence(stated, told, tmp_path):
-    with pytest.raises(InputError, match=told):
-        make_robot(write_arm(tmp_path / "a.urdf"), "arm", Stated(**stated))
+def test_a_stated_number_that_is_none_gets_one_sentence(tmp_path, refuses):
+    for stated in (
+        {"coulomb": [1.0, 2.0]},
+        {"coulomb": [-1.0]},
+        {"efficiency": [85.0]},
+        {"gear_ratio": [0.0]},
+        {"rotor_inertia": [1e-4]},
+        {"payload": -1.0},
+        {"joints": ["elbow"]},
+        {"joints": ["j2", "j1"]},
+        {"speed_limit": [float("nan")]},
+        {"speed_limit": [0.0]},
+        {"torque_limit": [0.0]},
+    ):
+        refuses(make_robot, write_arm(tmp_path / "a.urdf"), "arm", Stated(**stated))
 
 
 def test_what_is_written_names_its_schema_and_keeps_it(tmp_path):

@@ -210,12 +210,9 @@ def test_lists_in_json_are_columns(lines, tmp_path):
     assert_same(convert(tmp_path, file))
 
 
-def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path):
+def test_what_is_no_table_of_json_or_arrays_is_told(tmp_path, refuses):
     (tmp_path / "a.jsonl").write_text('{"time": 0, "q": {"left": 1, "right": 2}}\n' * 9)
-    with pytest.raises(
-        InputError, match="column 'q' holds bytes, or values of several or named parts; give each a column"
-    ):
-        read_recording(tmp_path / "a.jsonl")
+    refuses(read_recording, tmp_path / "a.jsonl")
     np.savez(tmp_path / "b.npz", q=np.array([{}], dtype=object))
     with pytest.raises(InputError, match="cannot be read as a table"):
         read_recording(tmp_path / "b.npz")

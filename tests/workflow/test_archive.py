@@ -14,7 +14,6 @@ from wearscope.archive.__main__ import main
 from wearscope.archive.comparison import Content, compare_contents, list_results
 from wearscope.archive.packing import walk_archive
 from wearscope.config import drop_retired, load_config
-from wearscope.errors import InputError
 from wearscope.storage import tables
 
 
@@ -30,22 +29,20 @@ def test_same_study_gives_same_bytes(tmp_path):
     assert pack(tmp_path, "a").read_bytes() == pack(tmp_path, "b").read_bytes()
 
 
-def test_unpacked_is_what_was_packed(tmp_path):
+def test_unpacked_is_what_was_packed(tmp_path, refuses):
     path = pack(tmp_path, "a")
     packing.unpack_archive(path, tmp_path / "out")
     for file in ("test_quantities.parquet", "report.html", "logs/a.log"):
         assert (tmp_path / "out" / file).read_bytes() == (tmp_path / "a" / file).read_bytes()
-    with pytest.raises(InputError, match="is not empty"):
-        packing.unpack_archive(path, tmp_path / "out")
+    refuses(packing.unpack_archive, path, tmp_path / "out")
     rows = compare(path, tmp_path / "out")
     assert list(rows["outcome"]) == ["same bytes"]
 
 
-def test_missing_file_is_not_packed(tmp_path):
+def test_missing_file_is_not_packed(tmp_path, refuses):
     folder = tmp_path / "a"
     files = [*make_study(folder), folder / "snr.parquet"]
-    with pytest.raises(InputError, match=r"snr.parquet: no such file"):
-        packing.pack_study(tmp_path / "a.tar", folder, files, {}, [])
+    refuses(packing.pack_study, tmp_path / "a.tar", folder, files, {}, [])
     assert not (tmp_path / "a.tar").exists()
 
 
@@ -93,13 +90,11 @@ def test_hidden_and_made_files_are_not_packed(tmp_path):
     assert list_results(folder) == files
 
 
-def test_failed_unpacking_leaves_nothing(tmp_path):
+def test_failed_unpacking_leaves_nothing(tmp_path, refuses):
     path = pack(tmp_path, "a")
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(InputError, match="is not empty"):
-        packing.unpack_archive(path, tmp_path / "out")
-    with pytest.raises(InputError, match="cannot be written"):
-        packing.unpack_archive(path, tmp_path / "out" / "in")
+    refuses(packing.unpack_archive, path, tmp_path / "out")
+    refuses(packing.unpack_archive, path, tmp_path / "out" / "in")
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a", "a.tar", "out"]
 
 
@@ -140,14 +135,13 @@ def compare(a, b):
     return compare_contents(Content(a), Content(b))
 
 
-def test_restored_study_has_checksums_and_no_second_restoring(tmp_path):
+def test_restored_study_has_checksums_and_no_second_restoring(tmp_path, refuses):
     path = pack(tmp_path, "a", config={"study": "tiny", "seed": 0})
     manifest, folder, _, changed = packing.restore_archive(path, tmp_path / "clone")
     assert changed == []
     assert (folder / ".checksums" / "report.html.sha256").read_text().endswith("  report.html\n")
     assert not (folder / ".checksums" / "logs").exists()
-    with pytest.raises(InputError, match="is not empty"):
-        packing.restore_archive(path, tmp_path / "clone")
+    refuses(packing.restore_archive, path, tmp_path / "clone")
     # What was restored is packed again to the same bytes.
     again = tmp_path / "again.tar"
     packing.pack_study(again, folder, list_results(folder), manifest.config, CODE)

@@ -19,15 +19,13 @@ from wearscope.archive.packing import check_names, parse_manifest, walk_archive
 from wearscope.errors import InputError
 
 
-def test_altered_byte_is_found(tmp_path):
+def test_altered_byte_is_found(tmp_path, refuses):
     path = pack(tmp_path, "a")
     content = path.read_bytes()
     path.write_bytes(content.replace(b"<p>report</p>", b"<p>rep0rt</p>"))
-    with pytest.raises(InputError, match=r"report.html is not what was packed"):
-        walk_archive(path)
+    refuses(walk_archive, path)
     path.write_bytes(content[: len(content) // 3])
-    with pytest.raises(InputError, match="get the file again"):
-        walk_archive(path)
+    refuses(walk_archive, path)
 
 
 def repack(path, change):
@@ -39,18 +37,16 @@ def repack(path, change):
     write(path, *members)
 
 
-def test_missing_and_foreign_members_are_found(tmp_path):
+def test_missing_and_foreign_members_are_found(tmp_path, refuses):
     path = pack(tmp_path, "a")
     repack(path, lambda name, content: [] if name == "report.html" else [(name, content)])
-    with pytest.raises(InputError, match=r"report.html is missing"):
-        walk_archive(path)
+    refuses(walk_archive, path)
     path = pack(tmp_path, "b")
     repack(
         path,
         lambda name, content: [(name, content), ("../evil", b"")] if "html" in name else [(name, content)],
     )
-    with pytest.raises(InputError, match=r"evil is not in its manifest"):
-        packing.unpack_archive(path, tmp_path / "out")
+    refuses(packing.unpack_archive, path, tmp_path / "out")
     assert not (tmp_path / "evil").exists() and not (tmp_path / "out").exists()
 
 
@@ -158,40 +154,34 @@ def test_name_that_leads_elsewhere_or_cannot_be_is_refused(tmp_path, name):
     assert sorted(one.name for one in tmp_path.rglob("*")) == ["a.tar", "in"]
 
 
-@pytest.mark.parametrize(
-    ("member", "words"),
-    [
-        (entry("a", tarfile.SYMTYPE, "/etc/passwd"), "a is no plain file"),
-        (entry("a", tarfile.LNKTYPE, "MANIFEST.json"), "a is no plain file"),
-        (entry("a", tarfile.FIFOTYPE), "a is no plain file"),
-        (entry("a", tarfile.CHRTYPE), "a is no plain file"),
-        (entry("a", tarfile.DIRTYPE), "a is no plain file"),
-        (("a", b"xx"), "its size is 2, not 1"),
-        (("a", b"y"), "a is not what was packed .its checksum differs"),
-        (("b", b"x"), "b is not in its manifest"),
-        (("\x1b[2J", b"x"), r"x1b\[2J is not in its manifest"),
-    ],
-)
-def test_member_that_is_no_plain_file_as_listed_is_refused(tmp_path, member, words):
+def test_member_that_is_no_plain_file_as_listed_is_refused(tmp_path, refuses):
     path = tmp_path / "a.tar"
-    write(path, ("MANIFEST.json", json.dumps(make_manifest()).encode()), member)
-    with pytest.raises(InputError, match=words):
-        packing.unpack_archive(path, tmp_path / "out")
-    assert [one.name for one in tmp_path.iterdir()] == ["a.tar"]
+    for member in (
+        entry("a", tarfile.SYMTYPE, "/etc/passwd"),
+        entry("a", tarfile.LNKTYPE, "MANIFEST.json"),
+        entry("a", tarfile.FIFOTYPE),
+        entry("a", tarfile.CHRTYPE),
+        entry("a", tarfile.DIRTYPE),
+        ("a", b"xx"),
+        ("a", b"y"),
+        ("b", b"x"),
+        ("\x1b[2J", b"x"),
+    ):
+        write(path, ("MANIFEST.json", json.dumps(make_manifest()).encode()), member)
+        refuses(packing.unpack_archive, path, tmp_path / "out")
+        assert [one.name for one in tmp_path.iterdir()] == ["a.tar"]
 
 
-def test_member_that_comes_twice_or_after_the_end_is_refused(tmp_path):
+def test_member_that_comes_twice_or_after_the_end_is_refused(tmp_path, refuses):
     path = tmp_path / "a.tar"
     first = ("MANIFEST.json", json.dumps(make_manifest()).encode())
     write(path, first, ("a", b"x"))
     walk_archive(path)
     good = path.read_bytes()
     write(path, first, ("a", b"x"), ("a", b"x"))
-    with pytest.raises(InputError, match="a is not in its manifest"):
-        walk_archive(path)
+    refuses(walk_archive, path)
     write(path, first, ("a", b"x"), first)
-    with pytest.raises(InputError, match=r"MANIFEST.json is not in its manifest"):
-        walk_archive(path)
+    refuses(walk_archive, path)
     path.write_bytes(good + b"junk")
     with pytest.raises(InputError, match=r"something follows its end|no whole tar"):
         walk_archive(path)
@@ -272,7 +262,7 @@ def test_lines_of_a_configuration_that_name_code_are_refused(tmp_path, capsys):
     assert "evil.py" in (tmp_path / "two" / "results" / "tiny" / "config.yaml").read_text()
 
 
-def test_headers_and_manifests_without_end_are_refused(tmp_path):
+def test_headers_and_manifests_without_end_are_refused(tmp_path, refuses):
     path = tmp_path / "a.tar"
     header = entry("././@LongLink", tarfile.GNUTYPE_LONGNAME, size=1 << 40)
     path.write_bytes(header.tobuf(tarfile.GNU_FORMAT) + b"x" * 1024)
@@ -282,8 +272,7 @@ def test_headers_and_manifests_without_end_are_refused(tmp_path):
     for _ in range(900):
         deep = {"a": deep}
     write(path, ("MANIFEST.json", json.dumps(make_manifest(config=deep)).encode()), ("a", b"x"))
-    with pytest.raises(InputError, match=r"nested more than 100 deep"):
-        packing.restore_archive(path, tmp_path)
+    refuses(packing.restore_archive, path, tmp_path)
 
 
 def test_a_full_disk_is_named_and_not_the_archive(tmp_path, monkeypatch):
