@@ -1,10 +1,10 @@
 """Whether intake takes recordings that are right, and tells what is wrong with those that are not.
 
-python -m benchmarks.columns [--part right|wrong] [--first 0] [--cases 40] [--seed 0] [--out DIR]
+python -m benchmarks.columns [--part right|wrong] [--first 0] [--cases 40] [--drawn N] [--seed 0] [--out DIR]
 
 Planted machines of both generators are checked as they are: each refusal is without cause. Then each fault of
-a column, and some pairs of faults, are made in the recordings of some of them, and what intake says is
-compared with what was done.
+a column, and some pairs of faults, or `--drawn` ones of each machine, are made in the recordings, and what
+intake says is compared with what was done.
 """
 
 import dataclasses
@@ -273,6 +273,14 @@ def list_faults(wanted):
     return {name: parts for name, parts in found.items() if not wanted or name in wanted}
 
 
+def draw_faults(faults, count, machine):
+    """Some of the faults, drawn for a machine by its name; all where no count is given."""
+    if count is None or count >= len(faults):
+        return faults
+    rng = np.random.default_rng(list(machine.encode()))
+    return {name: faults[name] for name in sorted(rng.permutation(list(faults))[:count])}
+
+
 def make(folder, faults, rng):
     """Folder with faults in it; None where one of them does not apply."""
     for fault, arguments, _, _ in faults:
@@ -331,6 +339,9 @@ def main(arguments=None):
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--cases", type=int, default=40, help="of each generator")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--drawn", type=int, help="number of faults and pairs drawn for each machine, not all"
+    )
     parser.add_argument("--fault", action="append", help="this one alone; may be repeated")
     parser.add_argument("--out", help="keep the tables there")
     given = parser.parse_args(arguments)
@@ -347,7 +358,7 @@ def main(arguments=None):
             # All torques of a machine with one joint are those of this joint.
             largest = folder.joints[folder.largest]
             alone = "sign tau" if len(folder.joints) == 1 else f"sign tau_{largest}"
-            for name, faults in list_faults(given.fault).items():
+            for name, faults in draw_faults(list_faults(given.fault), given.drawn, case.name).items():
                 changed = make(folder, faults, np.random.default_rng(given.seed))
                 if changed is None:
                     continue

@@ -154,12 +154,10 @@ def score_case(truth: dict[str, Any], verdict: dict[str, Any]) -> tuple[dict[str
             "findable_size": plant["findable_size"], "times_findable": plant["times_findable"],
             "separable": plant["separable"], "required": is_required(plant), "grade": grade,
             "named_as": entry.get("effect", ""), "found": grade in ("right", "equivalent"),
-            "in_set": grade in ("right", "equivalent") if grade != "missed" else None,
             "state": state, "status": entry.get("status"),
         }  # fmt: skip
         if plant["outside"]:
             row["found"] = grade == "unknown" or state == "unexplained"
-            row["in_set"] = None
         if grade == "right":
             row |= score_parameter(entry, plant)
         rows.append(row)

@@ -55,7 +55,7 @@ def test_a_part_of_a_planted_effect_is_neither_its_name_nor_an_extra_one():
     assert score([hysteresis], said("presliding_hysteresis"), said("coulomb"))[0]["exact"]
     case, rows = score([hysteresis], said("coulomb"))
     assert case["outcome"] == "missed" and case["extra"] == 0
-    assert rows[0]["grade"] == "missed" and rows[0]["in_set"] is None
+    assert rows[0]["grade"] == "missed"
     assert score([hysteresis], said("presliding_hysteresis"), said("coulomb", "j2"))[0]["extra"] == 1
     for effect, parts in CONTAINED.items():
         assert set(parts) <= set(load_effect(effect).parents)
@@ -74,7 +74,7 @@ def test_what_cannot_be_found_or_told_apart_may_be_left_out_or_named():
 
 def test_a_confidence_set_with_the_truth_counts_as_found():
     case, rows = score([plant("coulomb")], said("stribeck", equivalent=["coulomb"]))
-    assert case["exact"] and rows[0]["grade"] == "equivalent" and rows[0]["in_set"]
+    assert case["exact"] and rows[0]["grade"] == "equivalent"
 
 
 def test_nulls_are_false_where_anything_is_said():
@@ -119,6 +119,17 @@ def test_a_refuted_name_counts_once_whatever_it_accounts_for():
     assert [row["status"] for row in rows] == ["refuted", "refuted", "confirmed"]
     refuted = SCORES["refuted"][1](pd.DataFrame([case]), pd.DataFrame(rows))
     assert tell_share(refuted)["share"] == 0.5
+
+
+def test_a_set_holds_the_truth_by_name_whatever_else_the_name_accounts_for():
+    """A buried effect that a right name may hide is no second set; a name that only hides one is wrong."""
+    buried = plant("rotor_inertia", separable=False, rivals={"coulomb": 0.0})
+    spring = plant("joint_spring", "j2", separable=False, rivals={"torque_offset": 0.0})
+    named = said("coulomb"), said("torque_offset", "j2"), said("stribeck", equivalent=["viscous"])
+    case, rows = score([plant("coulomb"), buried, spring, plant("viscous")], *named, said("backlash"))
+    assert [row["grade"] for row in rows] == ["right", "excused", "excused", "equivalent", "extra"]
+    holds = SCORES["set_holds_truth"][1](pd.DataFrame([case]), pd.DataFrame(rows).assign(dataset="d"))
+    assert sorted(holds.tolist()) == [False, False, True, True]
 
 
 def test_parameters_are_compared_with_their_interval():

@@ -194,6 +194,8 @@ def test_a_body_counts_as_a_mass_and_three_moments_whatever_a_fit_chooses_of_it(
     assert [links.complexity(one) for one in plain] == [5] * 6
     assert sorted(links.complexity(one) for one in full) == [5] * 6 + [25] * 2
     assert links.complexity(plain[0] + plain[5]) == 9
+    alone = EFFECTS["inertial_error"].for_robot(1)
+    assert alone.complexity(alone.subsets()[0]) == 4
 
 
 def test_wrong_links_are_asked_one_by_one_then_together():

@@ -12,7 +12,7 @@ import pandas as pd
 from wearscope.closed_loop.corrected import withdraw_worse
 from wearscope.closed_loop.diagnostics.contradictions import Contradiction, find_contradictions
 from wearscope.closed_loop.diagnostics.outcome import Attribution, Outcome
-from wearscope.closed_loop.inference.answer import Found, find_terms
+from wearscope.closed_loop.inference.answer import Answer, Found, find_terms
 from wearscope.closed_loop.inference.delays import is_lag
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
@@ -276,14 +276,10 @@ def conclude(
     start : Model, optional
         From whose terms the search goes on.
     """
-    answer = find_terms(problem, policy, progress, start)
+    answer, declared, proposed, determined = find_determined(problem, policy, progress, start)
     # What is fitted, marked and told goes along the reversals that were found.
     problem, sigma = answer.problem, answer.sigma
     prepared = problem.prepared
-    declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
-    if any(term.is_measurement_error for term in declared.entries):
-        declared = refit(declared, declared.entries)
-    proposed, determined = drop_undetermined(declared, answer.found, sigma)
     equivalent = [f.equivalent for f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
@@ -304,6 +300,33 @@ def conclude(
         prepared, policy, named, before, proposed, after, problem, answer, apart,
         [one for one in impossible if one.is_significant], helped, late=late,
     )  # fmt: skip
+
+
+def find_determined(
+    problem: Problem, policy: Policy, progress: Callable[[str], None], start: Model | None
+) -> tuple[Answer, Regression, Regression, list[Found]]:
+    """The search's answer, the models without and with its names, and those that the runs determine.
+
+    A name that the runs do not determine may stand in the place of another one, so the search goes on
+    without it.
+    """
+    refused: dict[tuple, str] = {}
+    while True:
+        answer = find_terms(problem, policy, progress, start, refused)
+        problem = answer.problem
+        declared = fit_declared_model(
+            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
+        )
+        if any(term.is_measurement_error for term in declared.entries):
+            declared = refit(declared, declared.entries)
+        proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
+        dropped = [f.term for f in answer.found if f not in determined]
+        new = {t.key for t in dropped if not t.effect.is_in_every_drive} - set(refused)
+        if not new:
+            return answer, declared, proposed, determined
+        refused |= dict.fromkeys(new, "its coefficients may be zero")
+        start = answer.model.has([t for t in answer.model.terms if t.key not in refused])
+        progress("the search goes on without names whose coefficients may be zero")
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:

@@ -67,8 +67,8 @@ class PayloadEffect(BodyEffect):
         return signals.rigid_body.payload_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """Return 4, for mass and three first moments; a prior determines the other parameters."""
-        return _BODY
+        """Return at most 4, for mass and three first moments; a prior determines the other parameters."""
+        return min(_BODY, len(list(subset)))
 
     def install(self, plant: Plant, joint: int, values: Mapping[str, float]) -> None:
         """Add the parameters to the plant's last link."""
@@ -121,8 +121,8 @@ class InertialEffect(BodyEffect):
         return signals.rigid_body.inertial_regressor(signals.q, signals.v, signals.a)
 
     def complexity(self, subset: Iterable[int]) -> int:
-        """Return 4 for each link in the subset, and 1 for the choice of the links."""
-        return _BODY * len({k // len(self.link) for k in subset}) + 1
+        """Return 4 for each link in the subset, and 1 for the choice of the links where there are several."""
+        return _BODY * len({k // len(self.link) for k in subset}) + (self.n > 1)
 
     def torque(self, signals: Signals, joint: int, values: Mapping[str, float]) -> np.ndarray:
         """Return the torque (N, n) along signals for given parameter values."""

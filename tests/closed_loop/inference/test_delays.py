@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.board.regimes import list_cases
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.answer import find_terms
 from wearscope.closed_loop.inference.delays import fit_below, lags_away_from_reversals, lags_slow_torque
@@ -99,3 +100,22 @@ def test_a_true_delay_is_one_in_a_position_loop_too(record, pose, declared_model
     assert error < 0.2 * DELAY
     assert lags_slow_torque(model.fit, term)
     assert ("time_delay", 0) in name_terms(folder)
+
+
+def test_another_name_takes_the_place_of_a_refused_one(record, pose):
+    problem = pose(record(extra_torque=lag(everywhere=False), seed=1))
+    answer = find_terms(problem, Policy(), refused={("presliding_hysteresis", 0, (0,), ()): "it is refused"})
+    assert "presliding_hysteresis" not in {f.term.effect.name for f in answer.found}
+    table = answer.candidates
+    rows = table[(table["effect"] == "presliding_hysteresis") & (table["joint"] == table["joint"].iloc[0])]
+    assert set(rows["reason"]) == {"it is refused"} and not rows["taken"].any()
+
+
+@pytest.mark.slow
+def test_a_delay_is_found_where_a_law_that_explains_more_may_have_no_level(tmp_path):
+    """The joint hardly reverses at 50 Hz: the law's level may be zero, and the delay of 4 ms is named in its place."""
+    list_cases("development", 200, 301)[79].make(tmp_path / "d")
+    verdict = diagnose(tmp_path / "d").verdict
+    (entry,) = (one for one in verdict["verdict"] if one["joint"] == "j5")
+    low, high = entry["parameters"]["delay"]["ci95"]
+    assert entry["effect"] == "time_delay" and low < 0.004 < high

@@ -69,3 +69,14 @@ def test_a_fault_is_found_beside_wrong_masses(tmp_path):
         assert any(joint == "elbow" and "viscous_asymmetry" in names for joint, names in named)
         exact += all("viscous_asymmetry" in names or names & BODIES for _, names in named)
     assert exact >= 5
+
+
+def test_a_slide_s_wrong_mass_is_the_same_as_another_inertia_of_its_drive(tmp_path):
+    """Only acceleration moves a horizontal slide's torque, so each body has one value there."""
+    planted = [Planted("inertial_error", "slide", 6.0)]
+    generate_dataset(tmp_path / "d1", "stage", planted, 3, Recipe(**SHORT, approximate=False))
+    (entry,) = close_loop(tmp_path / "d1", tmp_path / "out", light=True)["verdict"]
+    assert {"inertial_error", "payload_error", "rotor_inertia_error"} <= {
+        entry["effect"],
+        *entry["equivalent"],
+    }

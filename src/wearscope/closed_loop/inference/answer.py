@@ -1,8 +1,9 @@
 """From a problem to its names, each with its odds and equivalents, and what is left."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from wearscope.closed_loop.inference.extensions import (
     list_extensions,
     make_extension,
 )
+from wearscope.closed_loop.inference.gram import ROUNDING
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives, tell_odds
 from wearscope.closed_loop.inference.policy import Policy
@@ -137,6 +139,7 @@ def find_terms(
     policy: Policy,
     progress: Callable[[str], None] = lambda _: None,
     start: Model | None = None,
+    refused: Mapping[tuple, str] = MappingProxyType({}),
 ) -> Answer:
     """Terms that a declared model lacks, with names, from the training runs.
 
@@ -147,7 +150,9 @@ def find_terms(
     progress : callable
         Called with a line of text at each move.
     start : Model, optional
-        Of the same machine along other data, from whose terms the search goes on.
+        Of the same machine, from whose terms the search goes on.
+    refused : mapping of tuple to str, optional
+        Keys of terms that are not tried, and why.
 
     Returns
     -------
@@ -164,7 +169,7 @@ def find_terms(
     score = Score(policy, problem.gram.layout)
     model = Moves(score, splines, progress).settle(bare.has(standard).rescale().rescale(), forms=False)
     score = Score(policy, problem.gram.layout, model)
-    moves = Moves(score, splines, progress)
+    moves = Moves(score, splines, progress, dict(refused))
     first = model
     if start is not None:
         model = moves.settle(take_over(model.problem, start).rescale().rescale())
@@ -234,16 +239,24 @@ def _judge(moves: Moves, model: Model, term: Term) -> Found:
     against = [moves.score.compare(model, rest)]
     equivalent = []
     if not (term.effect.is_in_every_drive or term.effect.empirical):
-        complexity = term.effect.complexity(term.subset)
+        values = _count_values(model, term)
         for gain, other, made in list_alternatives(moves, model, term):
             against.append(gain)
-            simpler = other.effect.complexity(other.subset) <= complexity
+            simpler = _count_values(made, other) <= values
             # A richer effect often fits as well as the one that it contains.
             alike = simpler and not _is_told_apart(model, made, other)
             if gain > -moves.score.policy.name_odds or alike:
                 equivalent.append(other.effect.name)
     odds = float(np.sum(np.exp(np.clip(against, -700.0, 700.0))))
     return Found(term, share, 1.0 / (1.0 + odds), list(dict.fromkeys(equivalent)))
+
+
+def _count_values(model: Model, term: Term) -> int:
+    """Fitted values of a term, at most as many as the motion determines."""
+    measured = model.fit.measure(term)
+    size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
+    rank = int(np.linalg.matrix_rank(measured / np.outer(size, size), tol=ROUNDING, hermitian=True))
+    return min(term.effect.complexity(term.subset), rank + term.effect.complexity(()))
 
 
 def _is_told_apart(better: Model, worse: Model, term: Term) -> bool:

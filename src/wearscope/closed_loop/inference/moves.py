@@ -248,15 +248,12 @@ class Moves:
 
     def is_sound(self, given: Model, made: Model, term: Term) -> bool:
         """Whether a term's parameters are believed in the whole model; a delay's away from reversals too."""
-        if not is_believable(made, term):
+        if term.key in self.refused or not is_believable(made, term):
             return False
-        if not is_lag(term.effect):
+        speed = given.problem.at_rows("v")[:, term.joint]
+        if not is_lag(term.effect) or lags_away_from_reversals(given.fit, term, speed):
             return True
-        if term.key not in self.refused:
-            speed = given.problem.at_rows("v")[:, term.joint]
-            if lags_away_from_reversals(given.fit, term, speed):
-                return True
-            self.refused[term.key] = _NO_DELAY
+        self.refused[term.key] = _NO_DELAY
         return False
 
     def refine(self, model: Model, term: Term) -> Model:
@@ -309,7 +306,7 @@ class Moves:
             law = Term(candidate, tuple(range(candidate.count)), 0, law_term.alternatives)
             made = along.extend(law).rescale()
             gain = self.score.compare(model, made)
-            if gain > most and is_believable(made, law):
+            if gain > most and self.is_sound(along, made, law):
                 best, most = made, gain
         if best is not model:
             self.tell(f"added {self.name(best.terms[-1])}, with a reversal of its own", most)
