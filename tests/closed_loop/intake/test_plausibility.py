@@ -184,6 +184,42 @@ def test_small_motions_tell_what_is_wrong(tmp_path, fault):
     refuse(folder, pattern)
 
 
+def move_torque(starts, drift=0.0):
+    """Torques of recorders that start late by other times [s] and count time by another clock."""
+    late = iter(starts)
+
+    def change(table):
+        t = table["t"] - table["t"][0]
+        return table.assign(tau_pivot=np.interp(t - next(late) - drift * t, t, table["tau_pivot"]))
+
+    return change
+
+
+@pytest.mark.parametrize(("start", "drift"), [(0.0, 0.006), (0.03, -0.008)])
+def test_a_torque_with_a_clock_of_its_own_is_told_with_both_numbers(tmp_path, start, drift):
+    """One delay does not align it, and a filter does not either."""
+    folder = swing(tmp_path / "p", 1.0)
+    change_runs(folder, move_torque([start] * 3, drift))
+    change_fields(folder, lambda fields: fields["declared_effects"].append("time_delay"))
+    with pytest.raises(InputError) as caught:
+        check(folder)
+    told = re.search(r"clock that differs by ([\d.]+) %.* t - \((\S+) (\S+) t\)", str(caught.value)).groups()
+    assert float(told[0]) == pytest.approx(100 * abs(drift), abs=0.05)
+    assert [float(one) for one in told[1:]] == pytest.approx([start, drift], abs=0.002)
+
+
+def test_recorders_that_start_by_hand_are_told_with_the_time_of_each_run(tmp_path):
+    starts = [0.0, 0.06, 0.13, 0.035]
+    folder = swing(tmp_path / "p", 1.0, runs=4)
+    change_runs(folder, move_torque(starts))
+    with pytest.raises(InputError, match="another time in each run") as caught:
+        check(folder)
+    told = re.findall(r"(-?\d+) ms in runs/\d.parquet", str(caught.value))
+    assert [int(one) for one in told] == pytest.approx([1000 * one for one in starts], abs=4)
+    change_fields(folder, lambda fields: fields.update(accept=["clock tau"]))
+    check(folder)
+
+
 def test_gear_ratio_names_the_remedy(tmp_path):
     folder = swing(tmp_path / "p", 1.0)
     change_runs(folder, scale("tau_pivot", 1 / 80))

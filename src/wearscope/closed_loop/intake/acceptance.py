@@ -43,6 +43,7 @@ _OVERALL = (
     "unsigned tau",
     "without_gravity tau",
     "late tau",
+    "clock tau",
     "clock t",
 )
 

@@ -16,11 +16,19 @@ from wearscope.closed_loop.intake.filtering import differentiate
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.signal_checks import check_signals, check_speeds
 from wearscope.closed_loop.intake.traits import notes
-from wearscope.closed_loop.intake.traits.hypotheses import say_columns, tell
+from wearscope.closed_loop.intake.traits.hypotheses import find_delay, say_columns, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows, subtract_fit
 from wearscope.closed_loop.intake.traits.score import Weighing
-from wearscope.closed_loop.intake.traits.search import HOPELESS, MUCH, REFUSE, Weighed, look_at, weigh
+from wearscope.closed_loop.intake.traits.search import (
+    HOPELESS,
+    MUCH,
+    REFUSE,
+    Weighed,
+    look_at,
+    look_at_few,
+    weigh,
+)
 from wearscope.effects.time_delay import EFFECT as TIME_DELAY
 
 #: Largest unexplained share of a torque's variance (half of its RMS) with which effects can be judged.
@@ -86,7 +94,7 @@ def _check_readings(prepared: Prepared, whole: Rows) -> Weighed:
     declared = prepared.dataset.fields.declared_effects
     taken: dict[str, Reading] = {}
     if TIME_DELAY.name in declared:
-        taken["late tau"] = Reading.stated(whole.n)
+        taken["late tau"] = find_delay(look_at_few(whole), Reading.stated(whole.n))
     found = weigh(whole, frozenset(taken))
     single = _doubt_one(whole, found)
     while True:

@@ -53,13 +53,13 @@ class Trait:
     tell : callable
         ``tell(reading, rows)`` returns a sentence and the codes; None where the reading lacks the trait.
     notes : callable or None
-        ``notes(reading)`` says whether the trait is only noted, since the search can name it as an effect.
-        The readings that `propose` returns then include the odds against it.
+        ``notes(reading, rows)`` says whether the trait is only noted, since the search can name it as an
+        effect. The readings that `propose` returns then include the odds against it.
     """
 
     propose: Callable[[Weighing, Reading], Iterator[Reading]]
     tell: Callable[[Reading, Rows], Told | None]
-    notes: Callable[[Reading], bool] | None = None
+    notes: Callable[[Reading, Rows], bool] | None = None
 
 
 def say_columns(names: list[str]) -> str:
@@ -275,42 +275,87 @@ def _tell_signs(r: Reading, rows: Rows) -> Told | None:
     return told, tuple(codes)
 
 
+def find_delay(few: Weighing, r: Reading) -> Reading:
+    """Reading with the torques of all runs late, or early, by one time."""
+    every = np.ones(len(few.rows.prepared.runs))
+    return few.align(lambda x: _move(few, r, x[0] * every), np.append(_TIMES, -_TIMES)[:, None], LONGEST)
+
+
+def _move(few: Weighing, r: Reading, times: np.ndarray, growth: float = 0.0) -> Reading:
+    """Reading with delays (runs,) [s] at the start of the runs; they grow by `growth` [s] in the longest."""
+    longest = max(float(run.t[-1]) for run in few.rows.prepared.runs)
+    free = FREE * (len(set(times) - {0.0}) + (growth != 0.0))
+    late = r.has("late", free, delay=tuple(times.tolist()), drift=growth / longest)
+    return late.has("late", NOTE * (not _is_late(late, few.rows)))
+
+
 def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
-    """Readings whose torques are all late or early by one time, or behind a first-order filter."""
+    """Readings whose torques passed a first-order filter, or are late or early.
+
+    They are late by one time; by one that grows, as of two clocks; or by a time of each run, as of two
+    recorders that are started by hand.
+    """
     if r.delay or r.lag:
         return
-    hope = few.look(r) - r.nats
-    for field, grid in (("delay", [*_TIMES.tolist(), *(-_TIMES).tolist()]), ("lag", _TIMES.tolist())):
 
-        def make(time: float, field: str = field) -> Reading:
-            return r.has("late", FREE + NOTE * (abs(time) < LATE), **{field: time})
+    def smooth(time: float) -> Reading:
+        return r.has("late", FREE + NOTE * (time < LATE), lag=time)
 
-        start = min(grid, key=lambda time: few.look(make(time)))
-        low, high = sorted((0.4 * start, min(2.0 * start, LONGEST)))
-        yield refine(few, make, start, (low, high), hope)
+    start = min(_TIMES.tolist(), key=lambda time: few.look(smooth(time)))
+    yield refine(few, smooth, start, (0.4 * start, min(2.0 * start, LONGEST)), few.look(r) - r.nats)
+    whole, every = find_delay(few, r), np.ones(len(few.rows.prepared.runs))
+    starts = np.array([[time, growth] for time in (0.0, whole.delay[0]) for growth in (*_TIMES, *-_TIMES)])
+    yield from (
+        whole,
+        few.align(lambda x: _move(few, r, 0.0 * every, x[0]), starts[:, 1:], LONGEST),
+        few.align(lambda x: _move(few, r, x[0] * every, x[1]), starts, LONGEST),
+    )
+    if few.rows.doubted.all() and len(every) > 1:
+        yield few.align(lambda x: _move(few, r, x), np.array([whole.delay]), LONGEST)
+
+
+def _is_late(r: Reading, rows: Rows) -> bool:
+    """Whether torques are behind a filter, or late or early, by so much that they are refused."""
+    return max(abs(r.lag), float(np.abs(rows.delay_of(r)).max())) >= LATE
 
 
 def _tell_delays(r: Reading, rows: Rows) -> Told | None:
-    if r.lag and abs(r.lag) >= LATE:
+    times, codes = 1000.0 * np.array(r.delay or [r.lag]), ("late tau",)
+    if r.drift:
+        most = 1000.0 * float(np.abs(rows.delay_of(r)).max())
         return (
-            f"the torques are smoothed over about {1000 * r.lag:.0f} ms, as behind a low-pass filter; record "
-            "them without it, or declare time_delay, which undoes most of it where motions are slow.",
-            ("late tau",),
+            f"the torque channels come from a clock that differs by {100 * abs(r.drift):.2g} % and are up to "
+            f"{most:.0f} ms off; move each torque of time t [s, from the first row on] to the time "
+            f"t - ({r.delay[0]:.4f} {r.drift:+.6f} t).",
+            ("clock tau",),
         )
-    if abs(r.delay) >= LATE:
-        way = "late" if r.delay > 0.0 else "early"
+    if len(set(times)) > 1:
+        runs = zip(times, rows.prepared.runs, strict=True)
+        told = ", ".join(f"{time:.0f} ms in {run.label}" for time, run in runs)
         return (
-            f"the torque channels come {1000 * abs(r.delay):.0f} ms {way} against the positions; align the "
-            "channels, or declare time_delay.",
-            ("late tau",),
+            "the torque channels are late by another time in each run, as where two recorders are started by "
+            f"hand: {told}; move the torques of each run by its time.",
+            ("clock tau",),
         )
-    if not r.delay and not r.lag:
+    if not times.any():
         return None
+    if not _is_late(r, rows):
+        return (
+            f"torques follow the motion by about {times[0]:.0f} ms at every joint, as behind a filter. A "
+            "delay that is named at a joint comes from the recorder. Record the torque without a filter.",
+            codes,
+        )
+    if r.lag:
+        return (
+            f"the torques are smoothed over about {times[0]:.0f} ms, as behind a low-pass filter; record "
+            "them without it, or declare time_delay, which undoes most of it where motions are slow.",
+            codes,
+        )
+    way = "late" if times[0] > 0.0 else "early"
     return (
-        f"torques follow the motion by about {1000 * (r.delay + r.lag):.0f} ms at every joint, as behind "
-        "a filter. A delay that is named at a joint comes from the recorder. Record the torque without a "
-        "filter.",
-        ("late tau",),
+        f"the torque channels come {abs(times[0]):.0f} ms {way} against the positions; align the "
+        "channels, or declare time_delay.",
+        codes,
     )
 
 
@@ -471,8 +516,8 @@ TRAITS = (
     Trait(lambda few, r: iter(()), _tell_scales),
     Trait(_propose_zeros, _tell_zeros),
     Trait(_propose_clocks, _tell_clocks),
-    Trait(_propose_delays, _tell_delays, lambda r: max(abs(r.delay), abs(r.lag)) < LATE),
-    Trait(_propose_sizes, _tell_sizes, lambda r: not any(map(is_off, r.size))),
+    Trait(_propose_delays, _tell_delays, lambda r, rows: not _is_late(r, rows)),
+    Trait(_propose_sizes, _tell_sizes, lambda r, rows: not any(map(is_off, r.size))),
 )
 
 
@@ -481,5 +526,5 @@ def tell(reading: Reading, rows: Rows) -> tuple[list[Told], list[Told]]:
     refused, noted = list[Told](), list[Told]()
     for trait in TRAITS:
         if told := trait.tell(reading, rows):
-            (noted if trait.notes and trait.notes(reading) else refused).append(told)
+            (noted if trait.notes and trait.notes(reading, rows) else refused).append(told)
     return refused, noted

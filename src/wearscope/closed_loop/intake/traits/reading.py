@@ -26,8 +26,12 @@ class Reading:
         Gravity in the base frame in place of the stated one [m/s^2].
     without : str
         Whose gravity the torque lacks: ``robot`` (all but the payload's), ``all``, or empty for nobody's.
-    delay, lag : float
-        Delay of the torques behind the positions, and time constant of a filter that they passed [s].
+    delay : tuple of float
+        Delay of each run's torques behind its positions at time 0 [s]; empty where there is none.
+    drift : float
+        Growth of that delay per second, as of two clocks of different rates.
+    lag : float
+        Time constant of a filter that the torques passed [s].
     clock : float
         True time over the recorded one; negative where the rows run backwards.
     traits : tuple of str
@@ -45,7 +49,8 @@ class Reading:
     crossed: frozenset[int] = frozenset()
     gravity: tuple[float, ...] | None = None
     without: str = ""
-    delay: float = 0.0
+    delay: tuple[float, ...] = ()
+    drift: float = 0.0
     lag: float = 0.0
     clock: float = 1.0
     traits: tuple[str, ...] = ()
@@ -85,9 +90,9 @@ class Reading:
     def claims(self) -> np.ndarray:
         """Joints (n,) whose columns are not as stated; all joints where a trait concerns whole runs."""
         stated, n = Reading.stated(len(self.factor)), len(self.factor)
-        names = {field.name for field in fields(self)} - {"crossed", "traits", "nats"}
+        names = {field.name for field in fields(self)} - {"crossed", "traits", "nats", "delay"}
         pairs = [(getattr(self, name), getattr(stated, name)) for name in names]
-        every = any(x != y for x, y in pairs if not isinstance(y, tuple))
+        every = bool(self.delay) or any(x != y for x, y in pairs if not isinstance(y, tuple))
         own = [np.array(x) != np.array(y) for x, y in pairs if isinstance(y, tuple)]
         return np.any([*own, np.isin(np.arange(n), sorted(self.crossed))], axis=0) | every
 

@@ -152,16 +152,21 @@ class Rows:
         """Joint (n,) to which each column that `torque` returns belongs."""
         return reading.joint_of if self.doubted.all() else np.arange(self.n)
 
+    def delay_of(self, reading: Reading) -> np.ndarray:
+        """Delay (N,) of the torque columns by a reading [s]."""
+        starts = np.array(reading.delay or (0.0,) * len(self.prepared.runs))
+        return np.asarray(starts[self.run] + reading.drift * self.t)
+
     def torque(self, reading: Reading) -> np.ndarray:
         """Torque columns (N, n) by a reading, with its delay, first-order filter and signs undone.
 
         Where the reading applies to some runs only, their columns are reordered, so that each column belongs
         to one joint in all runs.
         """
-        out, lag = self.tau.copy(), reading.lag
+        out, lag, delay = self.tau.copy(), reading.lag, self.delay_of(reading)
         for k in np.unique(self.run).tolist() if reading.delay or lag else ():
             at, spline = self.run == k, self._splines[k]
-            t = np.clip(self.t[at] + reading.delay, spline.x[0], spline.x[-1])
+            t = np.clip((self.t + delay)[at], spline.x[0], spline.x[-1])
             out[at] = spline(t) + (lag * spline(t, 1) if lag else 0.0)
         crossed = sorted(reading.crossed)
         out[:, crossed] = self.q[:, crossed]

@@ -12,7 +12,8 @@ columns.
 It is the form of `inference.score`, on a dictionary that is small enough for many readings.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +38,8 @@ _JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Iterations in which the torques are weighted by their residuals; largest number of moves of a climb, and of
 #: terms that each move tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
+#: Iterations that align the torques with the motion, and the step of their numerical slopes [s].
+_ALIGNED, _SHORT = 6, 1e-4
 
 #: Relative ridge on the diagonal, for columns that are equal to rounding.
 _HELD = 1e-9
@@ -168,6 +171,19 @@ class Fit:
             other[self.groups[PAYLOAD]] = False
             return self.solve(grams, weight, other)
         return x
+
+    def step(self, slopes: np.ndarray) -> np.ndarray:
+        """Changes (p,) of numbers on which the torques depend by `slopes` (p, K, N), next to all columns."""
+        _, _, weight = self.settle(np.ones(self.size, bool), 2)
+        a, b = self.normal(self.total, weight)
+        cross, own, pull = np.zeros((self.size, len(slopes))), 0.0, 0.0
+        parts = zip(self.x, self.y, self.index, slopes.transpose(1, 0, 2), weight / self.count, strict=True)
+        for x, y, at, slope, w in parts:
+            cross[at] += w * x.T @ slope.T
+            own, pull = own + w * slope @ slope.T, pull + w * slope @ y
+        taken = np.linalg.solve(a, np.column_stack([cross, b]))
+        # Nothing changes for a run in which nothing moves.
+        return np.linalg.lstsq(own - cross.T @ taken[:, :-1], cross.T @ taken[:, -1] - pull, rcond=None)[0]
 
     def losses(self, x: np.ndarray, grams: np.ndarray) -> np.ndarray:
         """Unexplained shares of each torque's variance for given coefficients."""
@@ -383,6 +399,21 @@ class Weighing:
                 self._columns.pop(next(iter(self._columns)))
             self._columns[reading.moves] = make_columns(self.rows, reading, self.coarse)
         return Fit(self.rows, reading, self._columns[reading.moves])
+
+    def align(self, make: Callable[[np.ndarray], Reading], starts: np.ndarray, most: float) -> Reading:
+        """Best reading that moves the torques by times (p,) up to `most` [s], from the best start (k, p).
+
+        Gauss-Newton steps, with all coefficients of the machine projected out.
+        """
+        x, tried = min(starts, key=lambda one: self.look(make(one))), []
+        for _ in range(_ALIGNED):
+            tried.append(make(x))
+            now, delay = self.fit(tried[-1]), self.rows.delay_of(tried[-1])
+            later = replace(tried[-1], delay=tuple(one + _SHORT for one in tried[-1].delay))
+            slope = (self.fit(later).y - now.y) / _SHORT
+            shapes = np.array([self.rows.delay_of(make(x + one)) - delay for one in np.eye(len(x))])
+            x = np.clip(x + now.step(slope * shapes[:, None]), -most, most)
+        return min(tried, key=lambda one: self.look(one) - one.nats)
 
     def look(self, reading: Reading) -> float:
         """First score of a reading [nats, lower is better]; see `Fit.look`."""

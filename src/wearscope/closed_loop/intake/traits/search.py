@@ -83,7 +83,7 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         other = Weighing(replace(rows, loaded=loaded)).fit(stated.reading).climb()
         stated = other if other.over(stated) > NOTE else stated
     rows = stated.fit.rows
-    whole, few = Weighing(rows), Weighing(rows.thin(_FEW), coarse=True)
+    whole, few = Weighing(rows), look_at_few(rows)
     best, pool = stated, list[Model]()
     front = [stated.reading]
     for _ in range(1 + _ROUNDS):
@@ -154,7 +154,9 @@ def _propose(
     taken = [one for one in every if not accepted.intersection(_list_codes(one, few.rows))]
     # Traits that are only noted have odds of their own.
     nats = odds + float(np.log(max(len(every), 1)))
-    return [one if trait.notes and trait.notes(one) else one.has(one.traits[-1], nats) for one in taken]
+    return [
+        one if trait.notes and trait.notes(one, few.rows) else one.has(one.traits[-1], nats) for one in taken
+    ]
 
 
 def _list_codes(reading: Reading, rows: Rows) -> list[str]:
@@ -162,7 +164,12 @@ def _list_codes(reading: Reading, rows: Rows) -> list[str]:
     return [code for _, codes in (*refused, *noted) for code in codes]
 
 
+def look_at_few(rows: Rows) -> Weighing:
+    """Fits for a first look."""
+    return Weighing(rows.thin(_FEW), coarse=True)
+
+
 def look_at(rows: Rows, reading: Reading) -> float:
     """Evidence [nats] for a reading over the stated one, by their first scores."""
-    few = Weighing(rows.thin(_FEW), coarse=True)
+    few = look_at_few(rows)
     return few.look(Reading.stated(rows.n)) - few.look(reading)
