@@ -53,9 +53,7 @@ def delayed(first, second, time_delay):
 
 DELAY = {"effect": "time_delay", "seconds": 0.00994, "joints": ["axis_1", "axis_2"]}
 UNKNOWN = ALONE | {"effect": "unknown"}
-LOADED = (
-    f"{LOAD[0]}+36 kg (+35 to +37) in addition to the stated one: it removes 96 % of the error. State it."
-)
+LOADED = f"{LOAD[0]}act as a payload of +36 kg (+35 to +37) in addition to the stated one: it removes 96 %."
 LOADS = f"{LOAD[1]}, b.csv with 1.49 kg (1.47 to 1.5) more than the others: loads by run explain 99 %."
 UNEXPLAINED = {"state": "unexplained"}
 CASES = {

@@ -25,8 +25,8 @@ STATUSES = {"refuted": "bad", "confirmed": "good", "not_confirmed": "unsure"}
 
 #: Largest number of names in a headline.
 _MOST_NAMES = 3
-#: How notes on the load begin: refitted masses that act as a payload, and payloads that differ between runs.
-LOAD = ("The refitted masses act as a payload of ", "The load differs between runs")
+#: How notes on the load begin: refitted masses, and payloads that differ between runs.
+LOAD = ("The refitted masses ", "The load differs between runs")
 
 
 def _say(macro: str, *given: Any) -> str:
@@ -156,7 +156,7 @@ def tell_rivals(verdict: Verdict) -> str:
 
 
 def tell_load(verdict: Verdict) -> str:
-    """Sentence on loads that differ by run, or on refitted masses that act as a payload; empty without."""
+    """Sentence on loads that differ by run, or on refitted masses; empty without."""
     known = [note.partition(":")[0] for note in verdict.get("notes", []) if note.startswith(LOAD)]
     return f"{known[0]}." if known else ""
 

@@ -86,10 +86,15 @@ def test_friction_by_the_load_is_that_of_the_load_there_is(record, carry, more, 
 
 @pytest.mark.parametrize(
     ("stated", "more", "told"),
-    [(True, 0.0, False), (True, -3.0, True), (False, -1.0, True), (False, -4.0, False)],
+    [
+        (True, 0.0, ""),
+        (True, -3.0, "a payload of"),
+        (False, -1.0, "a payload of"),
+        (False, -4.0, "a change of the link that b moves, of"),
+    ],
 )
 def test_a_payload_is_told_where_a_machine_can_carry_it(record, carry, stated, more, told):
-    """Without a stated payload, links that are 1 kg too heavy are no payload of -1 kg."""
+    """Without a stated payload, a link that is 1 kg too heavy is no payload of -1 kg."""
     folder = record(
         runs=4, duration=8.0, extra_torque=carry([more] * 4), seed=33, robot={"inertials": "approximate"}
     )
@@ -98,10 +103,22 @@ def test_a_payload_is_told_where_a_machine_can_carry_it(record, carry, stated, m
             for run in fields["runs"]:
                 del run["payload"]
     notes = [note for note in diagnose(folder).verdict["notes"] if note.startswith(LOAD)]
-    assert bool(notes) == told
+    assert len(notes) == bool(told)
     if told:
-        mass = float(re.search(r"payload of (\S+) kg", notes[0])[1])
+        mass = float(re.search(rf"act as {told} (\S+) kg", notes[0])[1])
         assert mass == pytest.approx(more + 3.0 * (not stated), rel=0.05)
+
+
+def test_a_link_of_which_the_urdf_is_wrong_is_told(record):
+    """The URDF's first link is 6 kg too heavy, at 0.2 m along x and 0.02 m along z."""
+    folder = record(runs=4, duration=8.0, seed=34, robot={"inertials": "approximate"})
+    file = folder / "robot.urdf"
+    before, own, after = re.split(r"(?<=<mass)(.*?)(?=</inertial>)", file.read_text(), maxsplit=1, flags=re.S)
+    heavy = re.sub(r'="([^"]+)"', lambda found: f'="{1.5 * float(found[1]):.6g}"', own)
+    file.write_text(before + heavy + after)
+    (note,) = [note for note in diagnose(folder).verdict["notes"] if note.startswith(LOAD)]
+    told = re.search(r"the link that a or b moves, .* moments of (\S+), (\S+), (\S+) kg m about .* a:", note)
+    assert [float(m) for m in told.groups()] == pytest.approx([-1.2, 0.0, -0.12], abs=0.01)
 
 
 def test_a_payload_of_unknown_mass_is_told_by_its_moments(tmp_path):

@@ -12,16 +12,18 @@ from wearscope.closed_loop.model.loads import find_other_loads
 from wearscope.closed_loop.model.prediction import Predicted, find_signals, refit
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
-from wearscope.effects.base import PayloadEffect
+from wearscope.effects.base import PayloadEffect, load_effect
 from wearscope.effects.vocabulary import session_effects
 
 #: Smallest share of the residual, over all joints, that loads by run must explain.
 _MOST = 0.5
-#: A payload may replace refitted masses where it removes this share of the loss that they remove.
+#: A body may replace refitted masses where it removes this share of the loss that they remove.
 _ALIKE = 0.9
-#: Refitted masses are reported as a load where they add more than this share of a joint's torque (RMS). A
+#: Refitted masses are reported where they add more than this share of a joint's torque (RMS). A
 #: URDF's masses may well be wrong by as much.
 _USUAL = 0.1
+#: How a note on refitted masses begins.
+MASSES = "The refitted masses"
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
 #: Least singular value of a run's load columns that counts, over the largest one.
@@ -111,60 +113,86 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
     ]
 
 
-def tell_payload(after: Regression) -> list[str]:
-    """A sentence where a payload explains nearly as much as masses refitted unusually far; else nothing.
+def tell_masses(after: Regression) -> list[str]:
+    """A sentence where masses were refitted unusually far: as a payload, as one link's, or as several links'.
 
     Parameters
     ----------
     after : Regression
         The corrected model.
     """
-    prepared, effect = after.prepared, _find_payload()
+    prepared, n = after.prepared, after.prepared.n
     held = any(term.effect.spread and not term.is_deflection for term in after.entries)
-    if effect is None or not after.inertial or held:
+    if not after.inertial or held:
         return []
-    count, runs = 10 * prepared.n, prepared.runs_for("train")
-    stated = np.concatenate([run.reduce(run.known) for run in runs])
-    added = np.concatenate(after.columns)[..., :count] @ after.solve()[:count]
-    if not np.any(np.linalg.norm(added, axis=0) > _USUAL * np.linalg.norm(stated, axis=0)):
+    joints, runs = prepared.dataset.joints, prepared.runs_for("train")
+    stated = np.linalg.norm(np.concatenate([run.reduce(run.known) for run in runs]), axis=0)
+    added = np.concatenate(after.columns)[..., : 10 * n] @ after.solve()[: 10 * n]
+    change = np.linalg.norm(added, axis=0) / np.maximum(stated, 1e-300)
+    if not np.any(change > _USUAL):
         return []
-    payload = ModelTerm(effect, prepared.n - 1, (), tuple(range(len(effect.coefficients))))
-    trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)
-    carried = refit(trusted, [*after.entries, payload])
-    as_stated, by_masses, by_payload = (_sum_loss(model) for model in (trusted, after, carried))
-    share = (as_stated - by_payload) / max(as_stated - by_masses, 1e-300)
-    found = estimate(carried)[-1]
-    low, high = found.intervals["mass"]
-    axes = [f"moment_{axis}" for axis in "xyz"]
-    moment, ends = (np.array([own[axis] for axis in axes]) for own in (found.values, found.intervals))
-    bodies = [run.signals.rigid_body for run in runs]
-    carries, reach = any(body.payload for body in bodies), bodies[0].reach
-    # The mass is unknown where the motions do not tell it from inertia that the drives or masses may have.
-    weighed = not low <= 0.0 <= high
-    heaviest = abs(found.values["mass"]) if weighed else max(-low, high)
-    # No machine carries less than nothing, nor anything further away than the robot reaches.
-    less = high < 0.0 and not carries
-    impossible = less or np.linalg.norm(moment) > reach * heaviest
-    if share < _ALIKE or impossible or not (weighed or np.any(ends[:, 0] * ends[:, 1] > 0.0)):
-        return []
-    if weighed:
-        told = f"{found.values['mass']:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
-        other = "the last links are that much heavier or lighter"
-    else:
-        some = np.where(np.abs(moment) < 1e-3 * np.abs(moment).max(), 0.0, moment)
-        told = f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in some)} kg m about the frame "
-        told += f"of {prepared.dataset.joints[-1]}"
-        other = "the last links' weight is off by as much, or a balancer carries it"
+    shares = _share_links(after)
+    alike = [int(k) for k in np.argsort(-shares) if shares[k] >= _ALIKE]
+    if not alike:
+        far = ", ".join(f"{joints[j]} {100 * change[j]:.0f} %" for j in np.flatnonzero(change > _USUAL))
+        return [
+            f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
+            f"link explains that: {far}. Masses of the URDF are off, or a load, balancer or drive's inertia "
+            "is not declared."
+        ]
+    told, of_payload = _tell_body(after, alike[0])
+    removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
+    if of_payload:
+        return [
+            f"{MASSES} act as a payload of {told} in addition to the stated one: {removes}. State it, if the "
+            "machine carries it; otherwise the last links are off by as much, or a balancer carries them."
+        ]
+    where = " or ".join(joints[k] for k in alike)
     return [
-        f"The refitted masses act as a payload of {told} in addition to the stated one: it removes "
-        f"{100 * share:.0f} % of the error that they remove. State it, if the machine carries it; otherwise "
-        f"{other}."
+        f"{MASSES} act as a change of the link that {where} moves, of {told}: {removes}. Correct the URDF, "
+        "or add to it what is fixed to that link."
     ]
 
 
-def _sum_loss(model: Regression) -> float:
-    left = model.residuals(model.solve())
-    return sum(float(np.sum((e * w) ** 2)) for e, w in zip(left, model.weights, strict=True))
+def _share_links(after: Regression) -> np.ndarray:
+    """Share (n,) of what the refitted masses remove from the loss that each link's alone remove."""
+    normal, score = after.moments()
+    n = after.prepared.n
+
+    def remove(links: Sequence[int]) -> float:
+        free = np.append(np.repeat(np.isin(np.arange(n), links), 10), np.ones(after.p - 10 * n, dtype=bool))
+        return float(score[free] @ np.linalg.solve(normal[np.ix_(free, free)], score[free]))
+
+    least, most = remove([]), remove(range(n))
+    return np.array([remove([k]) - least for k in range(n)]) / max(most - least, 1e-300)
+
+
+def _tell_body(after: Regression, link: int) -> tuple[str, bool]:
+    """Mass or moments of a body that is added to a link, and whether it can be a payload."""
+    prepared, n = after.prepared, after.prepared.n
+    effect = load_effect("inertial_error").for_robot(n)
+    body = ModelTerm(effect, link, (), tuple(range(10 * link, 10 * link + 10)))
+    trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)
+    found = estimate(refit(trusted, [*after.entries, body]))[-1]
+    names = [effect.coefficients[k].name for k in body.subset[:4]]
+    values = np.array([found.values[name] for name in names])
+    ends = np.array([found.intervals[name] for name in names])
+    bodies = [run.signals.rigid_body for run in prepared.runs_for("train")]
+    carries, reach = any(one.payload for one in bodies), bodies[0].reach
+    # The mass is unknown where the motions do not tell it from inertia that the drives or masses may have.
+    low, high = ends[0]
+    weighed = not low <= 0.0 <= high
+    heaviest = abs(values[0]) if weighed else max(-low, high)
+    # No machine carries less than nothing, nor anything further away than the robot reaches.
+    less = high < 0.0 and not carries
+    possible = link == n - 1 and not less and np.linalg.norm(values[1:]) <= reach * heaviest
+    if weighed:
+        told = f"{values[0]:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
+    else:
+        some = np.where(np.abs(values[1:]) < 1e-3 * np.abs(values[1:]).max(), 0.0, values[1:])
+        told = f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in some)} kg m about the frame "
+        told += f"of {prepared.dataset.joints[link]}"
+    return told, possible
 
 
 def _find_payload() -> PayloadEffect | None:

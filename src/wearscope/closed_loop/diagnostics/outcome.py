@@ -12,7 +12,7 @@ from wearscope.closed_loop.diagnostics.error_change import (
     measure_error_change,
     withhold_judgement,
 )
-from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_other_loads, tell_payload
+from wearscope.closed_loop.diagnostics.loads import tell_loads, tell_masses, tell_other_loads
 from wearscope.closed_loop.diagnostics.structure import JointState, judge_joints
 from wearscope.closed_loop.inference.answer import Answer, Left
 from wearscope.closed_loop.inference.detection_limits import tell_limits
@@ -142,7 +142,7 @@ class Outcome:
         notes = tell_loads(self.prepared, self.predicted, self.after) + tell_limits(
             self.answer.limits, joints
         )
-        notes += tell_other_loads(self.after, here) + tell_payload(self.after)
+        notes += tell_other_loads(self.after, here) + tell_masses(self.after)
         notes += [f"{joints[j]}: {told}." for j, told in self.answer.suspected.items()]
         notes += [one.describe(joints) for one in self.impossible]
         return notes + [
