@@ -88,6 +88,16 @@ def box_statistics(values: ArrayLike) -> dict[str, float]:
     }
 
 
+def central_interval(values: ArrayLike, level: float = 0.95) -> tuple[float, float]:
+    """Return the ends between which the middle share `level` of the finite values lies; NaN without any."""
+    known = np.asarray(values, dtype=float)
+    good = known[np.isfinite(known)]
+    if not good.size:
+        return np.nan, np.nan
+    low, high = np.quantile(good, [0.5 - level / 2, 0.5 + level / 2])
+    return float(low), float(high)
+
+
 def bootstrap_indices(n: int, draws: int, rng: np.random.Generator) -> np.ndarray:
     """Draw indices (draws, n) with replacement."""
     return rng.integers(0, n, size=(draws, n))

@@ -21,6 +21,7 @@ from wearscope.evaluation.grouping import (
     FEWEST,
     Array,
     bootstrap_indices,
+    central_interval,
     check_group,
     nan_median,
 )
@@ -139,10 +140,8 @@ def rank_by_median(
             tied[j].append(cell_name(keys[i]))
     records = []
     for position, k in enumerate(order):
-        good = boot[:, k][np.isfinite(boot[:, k])]
-        low, high = np.quantile(good, [tail, 1 - tail]) if good.size else (np.nan, np.nan)
         best, worst = np.quantile(ranks[:, k], [tail, 1 - tail], method="nearest")
-        interval, places = (low, high), (position + 1, int(best), int(worst))
+        interval, places = central_interval(boot[:, k], level), (position + 1, int(best), int(worst))
         record = _describe_group(values[:, k], median[k], interval, places, tied[k])
         records.append({**dict(zip(by, keys[k], strict=True)), **record, "interval_from": "choice of cells"})
     return pd.DataFrame(records)

@@ -20,6 +20,7 @@ from scipy.stats import binom, rankdata
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
+from wearscope.evaluation.grouping import central_interval
 from wearscope.evaluation.sampled_scope import sampled_tolerance
 from wearscope.evaluation.snr import NOISE_FREE, draw_snr, response_size
 from wearscope.surrogates.chosen import CONSTANT, ChosenSurrogate, read_chosen, read_noise
@@ -341,7 +342,7 @@ def compare_sides(
             if side in answers and key in answers[side].value:
                 value, drawn = answers[side].value[key], answers[side].drawn.get(key, drawn)
             row[side] = scale * value
-            row[f"{side}_low"], row[f"{side}_high"] = scale * _interval(drawn)
+            row[f"{side}_low"], row[f"{side}_high"] = (scale * end for end in central_interval(drawn))
         before, after = (answers[side].drawn.get(key) for side in SIDES[:2])
         truth = answers["truth"].drawn.get(key) if "truth" in answers else None
         row["p_changed"], row["p_nearer"] = _probabilities(before, after, truth)
@@ -376,14 +377,6 @@ def compare_ranking(answers: Mapping[str, Answers], robot: str) -> pd.DataFrame:
                 row[side] = _probability(*pair)
             records.append(row)
     return pd.DataFrame(records, columns=["robot", "cycle", "axis", "fda", "over", *SIDES])
-
-
-def _interval(drawn: Array) -> Array:
-    """Return the 95 % interval (2,) of the finite draws; NaN without any."""
-    good = drawn[np.isfinite(drawn)]
-    if good.size == 0:
-        return np.full(2, np.nan)
-    return np.quantile(good, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
 
 
 def _probability(first: Array | None, second: Array | None) -> float:

@@ -15,7 +15,7 @@ from scipy import special
 from wearscope.designs.factors import CODED_HIGH, CODED_LOW, FAULT, Factor, check_factors, worn_factor
 from wearscope.designs.kinds import design_table, generator_for
 from wearscope.errors import InputError
-from wearscope.evaluation.grouping import bootstrap_indices
+from wearscope.evaluation.grouping import bootstrap_indices, central_interval
 from wearscope.surrogates.chosen import CHOSEN, ChosenSurrogate
 from wearscope.surrogates.fitting import (
     CELL,
@@ -138,9 +138,8 @@ def parametric_interval(
     """
     if surrogate.status == "constant" or surrogate.dof < 1:
         return float("nan"), float("nan")
-    values = exact_snr(surrogate.draw_coefficients(rng, draws), surrogate.terms, f0, delta, sigma)
-    low, high = np.quantile(values, [0.5 - level / 2, 0.5 + level / 2])
-    return float(low), float(high)
+    theta = surrogate.draw_coefficients(rng, draws)
+    return central_interval(exact_snr(theta, surrogate.terms, f0, delta, sigma), level)
 
 
 def describe_snr(
@@ -360,10 +359,11 @@ def sampled_snr_table(
             for f in (f0, f0 + delta)
         )
         drawn = draw_snr(surrogate, generator_for(seed, "snr draws", name), draws, *setting)
-        low, high = np.quantile(drawn, [0.5 - level / 2, 0.5 + level / 2])
         exact = quadrature_snr(surrogate, *setting)
         status = "decreasing" if exact < 0 else "ok"
-        records.append(describe_snr(key, CHOSEN, status, (first, second), exact, (float(low), float(high))))
+        records.append(
+            describe_snr(key, CHOSEN, status, (first, second), exact, central_interval(drawn, level))
+        )
     return pd.DataFrame(records)
 
 
@@ -545,7 +545,6 @@ def direct_table(
     if rows.empty:
         raise InputError("direct: no test quantity has the set 'direct'; simulate the direct points first.")
     half = len(design) // 2
-    tail = [0.5 - level / 2, 0.5 + level / 2]
     records = []
     for key, cell in cells_of(rows):
         if key not in chosen:
@@ -560,7 +559,7 @@ def direct_table(
             stream = generator_for(seed, "direct surrogate", cell_name(key))
             scatter = surrogate.noise if np.isnan(known_noise) else known_noise
             answers = draw_snr(surrogate, stream, min(draws, 400), f0, delta, sigma, scatter)
-            said = [float(one) for one in np.quantile(answers, [0.5, *tail])]
+            said = [float(np.median(answers)), *central_interval(answers, level)]
         known = np.isfinite([low, high, *said]).all()
         records.append(
             {
@@ -589,15 +588,10 @@ def _sample(
     y: np.ndarray, free: bool, key: tuple, seed: int, level: float = 0.95, draws: int = 2000
 ) -> tuple[float, float, float]:
     """Return the SNR of pairs (2, N) and its bootstrap interval; NaN with too few pairs or without noise."""
-    low, high = np.nan, np.nan
     if y.shape[1] < 2 or free:
-        return np.nan, low, high
+        return np.nan, np.nan, np.nan
     index = bootstrap_indices(y.shape[1], draws, generator_for(seed, "direct", cell_name(key)))
-    again = np.array([_snr(y[:, one]) for one in index])
-    again = again[np.isfinite(again)]
-    if again.size:
-        low, high = np.quantile(again, [0.5 - level / 2, 0.5 + level / 2])
-    return _snr(y), float(low), float(high)
+    return _snr(y), *central_interval([_snr(y[:, one]) for one in index], level)
 
 
 def _snr(y: np.ndarray) -> float:

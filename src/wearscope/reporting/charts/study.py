@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from wearscope.evaluation.scope import choose_method, count_scope
+from wearscope.evaluation.sensitivity import drop_idle
 from wearscope.reporting.charts.base import BY_CELL, Chart, Choice, Source, round_digits
 from wearscope.reporting.charts.encoding import (
     add_zoom,
@@ -33,7 +34,6 @@ from wearscope.reporting.labels import (
     factor_label,
     factor_name,
     quantity_text,
-    term_factors,
     term_name,
     unit_text,
     with_unit,
@@ -126,10 +126,7 @@ def weight_table(study: Study) -> pd.DataFrame:
     model = study.config["sensitivity"]["model"]
     rows = study.surrogates[(study.surrogates["model"] == model) & ~study.surrogates["term"].isin(["1", "f"])]
     if study.screening is not None:
-        idle = study.screening[study.screening["dropped"]]
-        gone = set(zip(idle["robot"], idle["factor"], strict=True))
-        pairs = zip(rows["robot"], rows["term"], strict=True)
-        rows = rows[[not any((robot, one) in gone for one in term_factors(term)) for robot, term in pairs]]
+        rows = drop_idle(rows, study.screening, "term")
     conditions = [rows["term"].str.contains(mark, regex=False) for mark in (":", "^")]
     table = rows[_KEYS].assign(
         term=[term_name(term, study.factors) for term in rows["term"]],
