@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.reporting.page import format_number, interval_text, read_outcome, render_table
+from wearscope.reporting.page import format_number, interval_text, render_table
 from wearscope.storage import tables
+from wearscope.storage.files import read_json
 from wearscope.storage.plain_yaml import load_plain_yaml
 
 STAGES = ("before", "after")
@@ -82,7 +83,7 @@ def read_closed_loop(folder: str | Path, urdf: str | Path = "") -> ClosedLoop:
     InputError
         Where ``verdict.json`` or ``residual.parquet`` is missing or damaged.
     """
-    verdict = read_outcome(Path(folder) / "verdict.json", "close the loop first")
+    verdict = read_json(Path(folder) / "verdict.json", missing="close the loop first")
     files = {name: Path(folder) / f"{name}.parquet" for name in ("residual", *_OPTIONAL)}
     known = {name for name, file in files.items() if name not in _OPTIONAL or file.exists()}
     found = {name: tables.read_table(files[name]) for name in files if name in known}

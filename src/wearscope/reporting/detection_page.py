@@ -27,7 +27,6 @@ from wearscope.reporting.page import (
     embed_chart,
     format_number,
     interval_text,
-    read_outcome,
     render_page,
     render_part,
     render_table,
@@ -35,6 +34,7 @@ from wearscope.reporting.page import (
 )
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
+from wearscope.storage.files import read_json
 
 #: Factors in words, by kind.
 FACTOR_NAMES = {"wear": "wear", "temperature": "temperature", "payload_mass_error": "payload mass error"}
@@ -77,7 +77,7 @@ def read_detections(folder: str | Path) -> Detections:
     InputError
         Where they are not there.
     """
-    summary = read_outcome(Path(folder) / "detection.json", "run the target detect first")
+    summary = read_json(Path(folder) / "detection.json", missing="run the target detect first")
     full = {code: detector_name(code, use) for code, use in summary.get("detectors", {}).items()}
     names = ("detection", "thresholds", "simulated")
     read = (tables.read_table(Path(folder) / f"{name}.parquet") for name in names)

@@ -14,11 +14,9 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from wearscope.errors import InputError
 from wearscope.reporting.charts.base import Chart, Choice, chart_library, pack_table
 from wearscope.reporting.labels import count_text, join_words, upper_first
 from wearscope.reporting.page_strip import Strip, unbreak
-from wearscope.storage.files import load_json
 
 TEMPLATES = Path(__file__).with_name("templates")
 _MEDIA = {"svg": "image/svg+xml", "png": "image/png"}
@@ -36,20 +34,6 @@ class Section:
     title: str
     body: str
     anchor: str
-
-
-def read_outcome(path: Path, first: str) -> Any:
-    """Content of a JSON file that a page is made from.
-
-    Raises
-    ------
-    InputError
-        Where it is missing or damaged, with what is to be done first.
-    """
-    try:
-        return load_json(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); {first}.") from error
 
 
 @cache

@@ -32,7 +32,6 @@ from wearscope.reporting.page import (
     embed_chart,
     format_number,
     interval_text,
-    read_outcome,
     render_page,
     render_part,
     render_table,
@@ -40,6 +39,7 @@ from wearscope.reporting.page import (
 )
 from wearscope.reporting.page_strip import Strip
 from wearscope.storage import tables
+from wearscope.storage.files import read_json
 
 _WORDS = "tracking/strip.html"
 _OPEN = "changed, cause not told"
@@ -133,7 +133,7 @@ def read_tracking(folder: str | Path) -> Tracking:
     InputError
         Where ``tracking.json`` or ``changes.parquet`` is missing or damaged.
     """
-    outcome = read_outcome(Path(folder) / "tracking.json", "track the machine first")
+    outcome = read_json(Path(folder) / "tracking.json", missing="track the machine first")
     return Tracking(outcome, tables.read_table(Path(folder) / "changes.parquet"))
 
 

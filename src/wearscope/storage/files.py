@@ -222,8 +222,8 @@ def check_plain(path: str | Path, most: float, remedy: str) -> None:
         raise InputError(f"{path}: is larger than {most / 1e6:g} MB; {remedy}.")
 
 
-def read_json(path: str | Path, kind: type = dict) -> Any:
-    """Read a JSON file whose content is of type `kind`, a mapping by default.
+def read_json(path: str | Path, kind: type = dict, missing: str = "run the command that makes it") -> Any:
+    """Read a JSON file whose content is of type `kind`; `missing` is the remedy where there is no such file.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def read_json(path: str | Path, kind: type = dict) -> Any:
         If the file is missing, no regular file, too large, no JSON, or of another type.
     """
     path = Path(path)
-    check_plain(path, limits.JSON_BYTES, "run the command that makes it")
+    check_plain(path, limits.JSON_BYTES, missing)
     try:
         content = load_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

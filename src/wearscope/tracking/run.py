@@ -1,6 +1,5 @@
 """Tracking a data set in stages: the reference once, each later session by itself, then all of them."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from wearscope.closed_loop.intake.threads import keep_to_one_thread
 from wearscope.effects.base import load_effect
 from wearscope.robots.model import save_model
 from wearscope.storage import tables
+from wearscope.storage.files import read_json
 from wearscope.storage.provenance import name_version
 from wearscope.tracking.changes import FRICTION
 from wearscope.tracking.evidence import FALSE_ALARM_RATE, PRIOR_FRICTION
@@ -81,7 +81,7 @@ def join_sessions(
     allow_code: bool = False,
 ) -> dict[str, Any]:
     """Write ``changes.parquet`` and ``tracking.json`` from the sessions' records."""
-    read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in records]
+    read = [read_json(path) for path in records]
     healthy, before = load_reference(reference, effects, allow_code)
     return write_tracking(read_sessions(dataset), healthy, before, read, folder, level, limit)
 
