@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 
 from wearscope import plugins
+from wearscope.effects.base import Signals
 from wearscope.errors import InputError
-from wearscope.robots.model import RobotModel
+from wearscope.robots.model import RobotModel, add_torques
 from wearscope.robots.spatial import Array
 
 # A limit may be exceeded by this share, as planners reach limits up to rounding errors.
@@ -95,21 +96,13 @@ def required_torque(
     payload_factor : float
         True payload mass over the declared one.
     """
-    # Imported here: effects import numba, which takes seconds and is not needed to plan a motion.
-    from wearscope.effects.base import Signals, load_effect
-
     payload = model.declared_payload
     body = model.rigid_body(None if payload is None else payload.scaled(payload_factor))
     load = body.inverse_dynamics(reference.q, reference.v, reference.a)
     torque = load + model.rotor_inertia * reference.a
     worn = np.where([name in model.wear_joints for name in model.joints], wear, 0.0)
     signals = Signals.along(reference.t, reference.v, reference.q, reference.a, load, temperature, wear=worn)
-    for entry in model.effects:
-        effect = load_effect(entry.effect)
-        if effect.row is not None and not effect.spread:
-            joint = model.joints.index(entry.joint)
-            torque[:, joint] += effect.torque(signals, joint, entry.parameters)
-    return torque
+    return add_torques(torque, model, signals, lambda _: True)
 
 
 def check_reference(

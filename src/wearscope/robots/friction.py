@@ -13,7 +13,7 @@ import pandas as pd
 
 from wearscope.effects.base import Effect, FrictionLaw, Signals, load_effect
 from wearscope.errors import InputError
-from wearscope.robots.model import RobotModel
+from wearscope.robots.model import RobotModel, add_torques
 
 #: Signals of a friction curve: an effect that depends on these alone is a torque over speed, whatever the
 #: joint's position and load.
@@ -80,12 +80,8 @@ def friction_torque(
     v = np.zeros((len(speed), model.n))
     v[:, joint] = speed
     signals = Signals.along(np.arange(len(speed), dtype=float), v, temperature=temperature, wear=level)
-    torque = np.zeros(len(speed))
-    for entry in model.effects:
-        effect = load_effect(entry.effect)
-        if entry.joint == model.joints[joint] and effect.row and set(effect.depends_on) <= SPEED_SIGNALS:
-            torque += effect.torque(signals, joint, entry.parameters)
-    return torque
+    rubs = lambda effect: set(effect.depends_on) <= SPEED_SIGNALS  # noqa: E731
+    return add_torques(np.zeros(v.shape), model, signals, rubs)[:, joint]
 
 
 # Normalised law of an industrial robot's joint, with speeds of the motor [rad/s] and temperatures [deg C],

@@ -1,6 +1,6 @@
 """`RobotModel`: all that the platform knows about a robot, stored as a YAML file with a URDF next to it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +10,7 @@ import yaml
 from pydantic import Field, PrivateAttr, ValidationError
 
 from wearscope import limits
-from wearscope.effects.base import load_effect
+from wearscope.effects.base import Effect, Signals, load_effect
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import Payload, RigidBody
 from wearscope.robots.fields import (
@@ -316,6 +316,18 @@ def check_effects(model: RobotModel) -> None:
     for k, entry in enumerate(model.effects):
         effect = load_effect(entry.effect).for_robot(model.n)
         effect.check_values(entry.parameters, f"{model.name}: effects[{k}] at joint '{entry.joint}'")
+
+
+def add_torques(
+    torque: Array, model: RobotModel, signals: Signals, counts: Callable[[Effect], bool]
+) -> Array:
+    """Add to torques (N, n) those of a robot's effects that count, each at its joint, along signals."""
+    for entry in model.effects:
+        effect = load_effect(entry.effect)
+        if effect.row is not None and not effect.spread and counts(effect):
+            joint = model.joints.index(entry.joint)
+            torque[:, joint] += effect.torque(signals, joint, entry.parameters)
+    return torque
 
 
 def check_temperature(model: RobotModel, temperature: float) -> None:

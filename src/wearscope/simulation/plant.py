@@ -7,11 +7,11 @@ speed of each motor at each instant, as an analog controller would: without inte
 import numpy as np
 
 from wearscope.cycles.base import Reference
-from wearscope.effects.base import ArmatureEffect, Plant, Signals, load_effect
+from wearscope.effects.base import ArmatureEffect, Effect, Plant, Signals, load_effect
 from wearscope.effects.rotor_inertia import EFFECT as ROTOR_INERTIA
 from wearscope.errors import InputError
 from wearscope.robots.dynamics import RigidBody
-from wearscope.robots.model import RobotModel, check_effects
+from wearscope.robots.model import RobotModel, add_torques, check_effects
 from wearscope.robots.spatial import Array
 from wearscope.simulation.arrays import Gears, Law
 
@@ -136,14 +136,12 @@ def make_feedforward(
     load = body.inverse_dynamics(q, v, a)
     torque = load + plant.armature * a
     signals = Signals.along(reference.t, v, q, a, load, temperature)
-    for entry in model.effects:
-        effect = load_effect(entry.effect)
+
+    def is_fed(effect: Effect) -> bool:
         rubs = any(name.startswith(FRICTION_SIGNALS) for name in effect.depends_on)
-        if effect.row is None or isinstance(effect, ArmatureEffect) or (rubs and not friction):
-            continue
-        joint = model.joints.index(entry.joint)
-        torque[:, joint] += effect.torque(signals, joint, entry.parameters)
-    return torque
+        return not isinstance(effect, ArmatureEffect) and (friction or not rubs)
+
+    return add_torques(torque, model, signals, is_fed)
 
 
 def make_law(
