@@ -67,7 +67,7 @@ def make_tables():
     points = planted_test_quantities(cycles=("a",), axes=(1, 2), fdas=("A", "C"), seed=3)[0]
     points["status"] = "ok"
     surrogates = fit_surrogates(points, ["full", "simplified"])
-    snr = snr_table(surrogates, runs=500, draws=50)
+    snr = snr_table(surrogates_of(surrogates, "full"), runs=500, draws=50)
     deltas, sigmas = np.linspace(0, 4, 5), np.linspace(0.1, 1, 4)
     cells = surrogates_of(surrogates, "full")
     scope = scope_table(cells, deltas=deltas, sigmas=sigmas, runs=500, draws=20)

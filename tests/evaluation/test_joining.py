@@ -61,7 +61,7 @@ def study():
     surrogates = fit_surrogates(quantities, ["full"])
     grid = {"deltas": [0.0, 1.0, 2.0, 4.0], "sigmas": [0.05, 0.2, 0.5], "runs": 200, "draws": 20}
     scope = scope_table(surrogates_of(surrogates, "full"), **grid)
-    return surrogates, snr_table(surrogates, "full", runs=100, draws=50), scope
+    return surrogates, snr_table(surrogates_of(surrogates, "full"), runs=100, draws=50), scope
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ from wearscope.evaluation.snr import (
     mismatch_design,
     mismatch_table,
     quadrature_snr,
-    sampled_snr_table,
+    snr_table,
 )
 from wearscope.surrogates.chosen import ChosenSurrogate, choose_surrogate
 from wearscope.surrogates.fitting import Surrogate, fit_surrogate
@@ -94,7 +94,7 @@ def test_the_interval_holds_the_truth(process):
 
 
 def test_monte_carlo_agrees_within_its_error_and_the_table_has_the_contract_s_columns(process):
-    table = sampled_snr_table([(KEY, process)], {KEY: NOISE}, runs=20_000, seed=4)
+    table = snr_table([(KEY, process)], noise={KEY: NOISE}, runs=20_000, seed=4)
     row = table.iloc[0]
     assert list(table.columns) == [
         *("robot", "cycle", "axis", "fda", "model", "snr", "snr_exact", "snr_low", "snr_high"),
@@ -109,9 +109,9 @@ def test_no_noise_no_change_and_a_falling_value_are_told_apart(process):
     falling = choose_surrogate(Z, -runs(Z), NAMES, NOMINAL, ["quadratic"])[0]
     same = ChosenSurrogate(None, tuple(NAMES), 1.0, 0.3)
     keys = [("r", "c", 1, name) for name in ("free", "falling", "same")]
-    table = sampled_snr_table(
+    table = snr_table(
         zip(keys, (process, falling, same), strict=True),
-        dict(zip(keys, (0.0, NOISE, 0.0), strict=True)),
+        noise=dict(zip(keys, (0.0, NOISE, 0.0), strict=True)),
         runs=500,
     ).set_index("fda")
     assert table["status"].to_dict() == {"free": "noise-free", "falling": "decreasing", "same": "constant"}

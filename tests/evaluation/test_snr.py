@@ -11,7 +11,7 @@ from wearscope.evaluation.snr import (
     parametric_interval,
     quadratic_moments,
     ratio,
-    sample_hypotheses,
+    sample_output,
     snr_table,
 )
 from wearscope.surrogates.fitting import Surrogate, surrogates_of
@@ -19,7 +19,7 @@ from wearscope.surrogates.fitting import Surrogate, surrogates_of
 
 @pytest.fixture(scope="module")
 def table(surrogates):
-    return snr_table(surrogates, seed=0, runs=20_000)
+    return snr_table(surrogates_of(surrogates, "full"), seed=0, runs=20_000)
 
 
 def test_moments_agree_with_gauss_hermite_quadrature():
@@ -49,7 +49,8 @@ def test_monte_carlo_agrees_with_the_exact_snr_within_its_own_error(table):
 
 
 def simulate_snr(surrogate, k, runs):
-    return monte_carlo_error(*sample_hypotheses(surrogate, generator_for(1, k), runs, -0.5, 1.0, 0.25))
+    rng = generator_for(1, k)
+    return monte_carlo_error(*(sample_output(surrogate, rng, runs, f, 0.25) for f in (-0.5, 0.5)))
 
 
 def test_the_monte_carlo_error_is_as_large_as_it_says(surrogates):
@@ -111,10 +112,11 @@ def test_ratio_is_explicit_about_zero():
 
 
 def test_each_cell_has_its_own_stream_whatever_else_is_computed(surrogates, table):
-    part = snr_table(surrogates[surrogates["robot"] == "large"], seed=0, runs=20_000)
+    cells = [*surrogates_of(surrogates[surrogates["robot"] == "large"], "full")]
+    part = snr_table(cells, seed=0, runs=20_000)
     expected = table[table["robot"] == "large"].reset_index(drop=True)
     pd.testing.assert_frame_equal(part, expected)
-    other = snr_table(surrogates[surrogates["robot"] == "large"], seed=1, runs=20_000)
+    other = snr_table(cells, seed=1, runs=20_000)
     assert np.all(other["snr"] != part["snr"])
     assert list(table.columns[:7]) == ["robot", "cycle", "axis", "fda", "model", "snr", "snr_exact"]
 
@@ -144,7 +146,7 @@ def test_the_interval_holds_the_true_snr(quantities):
 
 
 def test_constant_and_falling_detectors_are_reported(odd):
-    table = snr_table(odd, runs=1000).groupby("fda")
+    table = snr_table(surrogates_of(odd, "full"), runs=1000).groupby("fda")
     found = {fda: set(rows["status"]) for fda, rows in table}
     assert found == {"A": {"ok"}, "B": {"decreasing"}, "C": {"constant"}}
     constant, falling = table.get_group("C"), table.get_group("B")
@@ -205,7 +207,7 @@ def test_ranking_groups_over_any_subset(table):
 
 
 def test_bad_settings_get_one_sentence(surrogates, refuses):
-    refuses(snr_table, surrogates, runs=1)
+    refuses(snr_table, surrogates_of(surrogates, "full"), runs=1)
 
 
 def few_cells(**intervals):
@@ -272,10 +274,10 @@ def test_a_group_with_values_in_few_of_many_cells_is_judged_by_their_intervals()
 
 
 def test_a_model_without_noise_has_no_snr(surrogates):
-    large = surrogates[surrogates["robot"] == "large"]
-    keys = [tuple(key) for key in large[["robot", "cycle", "axis", "fda"]].drop_duplicates().to_numpy()]
+    cells = [*surrogates_of(surrogates[surrogates["robot"] == "large"], "full")]
     free, noisy = (
-        snr_table(large, runs=500, draws=20, noise=dict.fromkeys(keys, noise)) for noise in (0.0, 1.0)
+        snr_table(cells, runs=500, draws=20, noise={key[:4]: noise for key, _ in cells})
+        for noise in (0.0, 1.0)
     )
     assert (free["status"] == "noise-free").all()
     assert free[["snr", "snr_exact", "snr_low", "snr_high"]].isna().all(axis=None)

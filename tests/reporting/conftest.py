@@ -72,7 +72,7 @@ def study():
     points.loc[failed, ["y", "status"]] = np.nan, "ZeroDivisionError: division by <zero>"
     surrogates = fit_surrogates(points, ["full", "simplified"])
     validation = validate_surrogates(points, surrogates)
-    snr = snr_table(surrogates, runs=500, draws=200)
+    snr = snr_table(surrogates_of(surrogates, "full"), runs=500, draws=200)
     grid = {"deltas": np.linspace(0, 4, 5), "sigmas": np.linspace(0.1, 1, 4)}
     scope = scope_table(surrogates_of(surrogates, "full"), **grid, runs=500, draws=50)
     boundaries = {name: scope_boundary(scope, name) for name in ("w3", "w5")}

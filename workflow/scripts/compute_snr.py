@@ -1,30 +1,30 @@
 """Computes the SNR of every cell and ranks the detectors (Q-2)."""
 
-import pandas as pd
+from itertools import chain
 
 from job import run_job
 from wearscope.detectors.base import list_bounds
 from wearscope.evaluation.ranking import rank_deployable
-from wearscope.evaluation.snr import answer_rows, sampled_snr_table, snr_table
+from wearscope.evaluation.snr import answer_rows, snr_table
 from wearscope.storage import tables
 from wearscope.surrogates.chosen import read_chosen, read_noise
+from wearscope.surrogates.fitting import surrogates_of
 
 with run_job(snakemake):
     given, seed = snakemake.input, snakemake.params.seed
     settings = dict(snakemake.params.settings)
     group_by = settings.pop("group_by")
-    if settings["model"] == "chosen":
-        del settings["model"]
+    model = settings.pop("model")
+    if model == "chosen":
         table = tables.read_table(given.chosen)
-        chosen = read_chosen(table, tables.read_table(given.test_quantities))
-        snr = sampled_snr_table(chosen, read_noise(table), **settings, seed=seed)
+        noise = read_noise(table)
+        cells = read_chosen(table, tables.read_table(given.test_quantities))
         if given.get("paper"):
-            quadratic = tables.read_table(given.paper)
-            paper = snr_table(quadratic, "full", **settings, seed=seed, noise=read_noise(table))
-            snr = pd.concat([snr, paper], ignore_index=True)
+            cells = chain(cells, surrogates_of(tables.read_table(given.paper), "full"))
     else:
         noise = read_noise(tables.read_table(given.noise)) if given.get("noise") else None
-        snr = snr_table(tables.read_table(given.surrogates), **settings, seed=seed, noise=noise)
+        cells = surrogates_of(tables.read_table(given.surrogates), model)
+    snr = snr_table(cells, **settings, seed=seed, noise=noise)
     tables.join_tables(snakemake.output.snr, (rows for _, rows in snr.groupby("robot", sort=False)))
     upper = list_bounds(snakemake.params.detectors)
     ranking = rank_deployable(answer_rows(snr), upper, by=group_by, seed=seed)

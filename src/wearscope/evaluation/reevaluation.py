@@ -22,7 +22,7 @@ from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
 from wearscope.evaluation.grouping import central_interval
 from wearscope.evaluation.sampled_scope import sampled_tolerance
-from wearscope.evaluation.snr import NOISE_FREE, draw_snr, response_size
+from wearscope.evaluation.snr import draw_snr, is_noise_free, response_size
 from wearscope.surrogates.chosen import CONSTANT, ChosenSurrogate, read_chosen, read_noise
 from wearscope.surrogates.fitting import CELL, IDENTIFICATION, cells_of, fit_surrogate, normalise_coefficients
 
@@ -240,7 +240,7 @@ def _snr(
     Without that noise, the SNR of a detector that hardly depends on the nuisances would reflect only the
     errors of its surrogate.
     """
-    if surrogate.status != "ok" or not noise > NOISE_FREE * response_size(surrogate):
+    if surrogate.status != "ok" or is_noise_free(noise, response_size(surrogate)):
         return np.nan, np.full(draws, np.nan)
     setting = asked.snr["f0"], asked.snr["delta"], asked.snr["sigma"]
     drawn = draw_snr(surrogate, rng, max(draws, FEWEST), *setting, noise)

@@ -23,7 +23,6 @@ from wearscope.surrogates.fitting import (
     cell_name,
     cells_of,
     condition_on_fault,
-    surrogates_of,
 )
 
 Array = NDArray[np.float64]
@@ -86,14 +85,6 @@ def exact_snr(
     return ratio(mean1 - mean0, deviation1)
 
 
-def sample_hypotheses(
-    surrogate: Surrogate, rng: np.random.Generator, runs: int, f0: float, delta: float, sigma: float
-) -> tuple[Array, Array]:
-    """Draw outputs (runs,) of a surrogate under each of the two hypotheses."""
-    first = sample_output(surrogate, rng, runs, f0, sigma)
-    return first, sample_output(surrogate, rng, runs, f0 + delta, sigma)
-
-
 def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
     """Return the SNR (11) of runs (N,) under each hypothesis, and its Monte Carlo standard error."""
     runs = len(y1)
@@ -111,8 +102,16 @@ def monte_carlo_error(y0: Array, y1: Array) -> tuple[float, float]:
     return snr, float(np.sqrt(max(variance, 0.0)) / deviation)
 
 
-def sample_output(surrogate: Surrogate, rng: np.random.Generator, runs: int, f: float, sigma: float) -> Array:
-    """Draw outputs (runs,) of a surrogate at a fault level with nuisances w ~ N(0, sigma^2 I)."""
+def sample_output(
+    surrogate: Surrogate | ChosenSurrogate, rng: np.random.Generator, runs: int, f: float, sigma: float
+) -> Array:
+    """Draw outputs (runs,) of a surrogate at a fault level with nuisances w ~ N(0, sigma^2 I).
+
+    Of a chosen surrogate at most `MOST_RUNS` are drawn, with nuisances clipped to the simulated range.
+    """
+    if not isinstance(surrogate, Surrogate):
+        x = rng.standard_normal((min(runs, MOST_RUNS), len(surrogate.names) - 1))
+        return surrogate.predict(place_nodes(x, surrogate.names, f, sigma))
     c, g, a = surrogate.at_fault(f)
     w = rng.standard_normal((runs, g.size))
     w *= sigma
@@ -142,99 +141,6 @@ def parametric_interval(
     return central_interval(exact_snr(theta, surrogate.terms, f0, delta, sigma), level)
 
 
-def describe_snr(
-    key: Sequence[str | int],
-    model: str,
-    status: str,
-    runs: tuple[Array, Array] | None = None,
-    exact: float = np.nan,
-    interval: tuple[float, float] = (np.nan, np.nan),
-) -> dict[str, object]:
-    """Return a row of ``snr.parquet``.
-
-    Parameters
-    ----------
-    key : sequence
-        Cell.
-    model, status : str
-    runs : pair of array (N,), optional
-        Monte Carlo runs under each hypothesis; without them the row's SNR is NaN.
-    exact : float
-        Exact SNR.
-    interval : pair of float
-        Interval of the exact SNR.
-    """
-    snr, error = (np.nan, np.nan) if runs is None else monte_carlo_error(*runs)
-    return {
-        **dict(zip(CELL, key, strict=True)),
-        "model": model,
-        "snr": snr,
-        "snr_exact": float(exact),
-        "snr_low": float(interval[0]),
-        "snr_high": float(interval[1]),
-        "snr_stderr": error,
-        "status": status,
-    }
-
-
-def snr_table(
-    surrogates: pd.DataFrame,
-    model: str = "full",
-    f0: float = -0.5,
-    delta: float = 1.0,
-    sigma: float = 0.25,
-    runs: int = 100_000,
-    seed: int = 0,
-    level: float = 0.95,
-    draws: int = 2000,
-    noise: Mapping[tuple, float] | None = None,
-) -> pd.DataFrame:
-    """Compute the SNR of every cell from its quadratic surrogate.
-
-    Parameters
-    ----------
-    surrogates : DataFrame
-        From `wearscope.surrogates.fitting.fit_surrogates`.
-    model : str
-    f0, delta, sigma : float
-        Coded, as in (20).
-    runs : int
-        Monte Carlo runs under each hypothesis.
-    seed : int
-        Root seed; each cell has its own random stream, which depends on its name.
-    level : float
-        Level of the interval ``snr_low``, ``snr_high``.
-    draws : int
-        Number of coefficient draws for that interval.
-    noise : mapping, optional
-        Standard deviation of a run by cell, from replicates; 0 means that the robot's model has no noise.
-
-    Returns
-    -------
-    DataFrame
-        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``snr`` (Monte Carlo), ``snr_exact``, ``snr_low``,
-        ``snr_high`` (interval of the exact SNR from the uncertainty of the coefficients), ``snr_stderr``
-        (Monte Carlo error), ``status``: ``ok``, ``constant`` or ``noise-free`` (SNR NaN), or ``decreasing``
-        (theta_0 < 0).
-    """
-    if runs < 2 or sigma < 0:
-        raise InputError(f"snr: runs {runs} and sigma {sigma} must be at least 2 and 0; correct the setting.")
-    records = []
-    for key, surrogate in surrogates_of(surrogates, model):
-        setting = (f0, delta, sigma)
-        name = cell_name(key)
-        if noise is not None and is_noise_free(noise[key[:-1]], abs(float(surrogate.theta[0]))):
-            records.append(describe_snr(key[:-1], key[-1], "noise-free"))
-            continue
-        sampled = sample_hypotheses(surrogate, generator_for(seed, "snr", name), runs, *setting)
-        interval = parametric_interval(
-            surrogate, generator_for(seed, "snr interval", name), draws, level, *setting
-        )
-        exact = float(exact_snr(surrogate.theta, surrogate.terms, *setting))
-        records.append(describe_snr(key[:-1], key[-1], output_status(surrogate), sampled, exact, interval))
-    return pd.DataFrame(records)
-
-
 def answer_rows(table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of the surrogate in use: the chosen one where the table has it, else all rows."""
     chosen = table["model"] == "chosen"
@@ -258,6 +164,8 @@ def output_status(surrogate: Surrogate) -> str:
 NODES = 4096
 DRAW_NODES = 256
 MOST_RUNS = 20_000
+#: Names of the streams of random numbers for runs and for draws, of a quadratic surrogate and of another one.
+_STREAMS = {True: ("snr", "snr interval"), False: ("sampled snr", "snr draws")}
 
 
 def normal_nodes(columns: int, nodes: int) -> Array:
@@ -308,67 +216,76 @@ def draw_snr(
     return ratio(y1.mean(axis=1) - y0.mean(axis=1), np.hypot(y1.std(axis=1), noise))
 
 
-def sampled_snr_table(
-    chosen: Iterable[tuple[tuple, ChosenSurrogate]],
-    noise: dict[tuple, float] | None = None,
+def snr_table(
+    cells: Iterable[tuple[tuple, ChosenSurrogate | Surrogate]],
     f0: float = -0.5,
     delta: float = 1.0,
     sigma: float = 0.25,
     runs: int = 100_000,
     seed: int = 0,
     level: float = 0.95,
-    draws: int = 400,
+    draws: int | None = None,
+    noise: Mapping[tuple, float] | None = None,
 ) -> pd.DataFrame:
-    """Compute the SNR of every cell from its chosen surrogate.
+    """Compute the SNR of every cell from its surrogate.
 
     Parameters
     ----------
-    chosen : iterable of (key, ChosenSurrogate)
-        From `wearscope.surrogates.chosen.read_chosen`.
-    noise : dict, optional
-        Standard deviation of a run by key, from replicates; 0 means that the robot's model has no noise.
+    cells : iterable of (key, surrogate)
+        From `wearscope.surrogates.fitting.surrogates_of` or `wearscope.surrogates.chosen.read_chosen`.
     f0, delta, sigma : float
         Coded, as in (20).
     runs : int
-        Monte Carlo runs under each hypothesis; at most `MOST_RUNS` are made.
+        Monte Carlo runs under each hypothesis; at most `MOST_RUNS` are made of a chosen surrogate.
     seed : int
+        Root seed; each cell has its own random stream, which depends on its name.
     level : float
         Level of the interval ``snr_low``, ``snr_high``.
-    draws : int
-        Number of response functions that are drawn for that interval.
+    draws : int, optional
+        Number of draws for that interval: of coefficients, 2000 unless given, or of response functions of a
+        chosen surrogate, 400 unless given.
+    noise : mapping, optional
+        Standard deviation of a run by cell, from replicates; 0 means that the robot's model has no noise.
 
     Returns
     -------
     DataFrame
-        As `wearscope.evaluation.snr.snr_table`, with ``model`` ``chosen``; ``snr_exact`` comes from numerical
-        integration.
+        ``robot``, ``cycle``, ``axis``, ``fda``, ``model``, ``snr`` (Monte Carlo), ``snr_exact`` (by numerical
+        integration for a chosen surrogate), ``snr_low``, ``snr_high`` (interval of the exact SNR from the
+        uncertainty of the surrogate), ``snr_stderr`` (Monte Carlo error), ``status``: ``ok``, ``constant`` or
+        ``noise-free`` (SNR NaN), or ``decreasing`` (y falls with the fault).
     """
-    records = []
-    for key, surrogate in chosen:
-        setting = (f0, delta, sigma)
-        status, name = surrogate.status, cell_name(key)
-        if noise is not None and status == "ok" and is_noise_free(noise[key], response_size(surrogate)):
+    if runs < 2 or sigma < 0:
+        raise InputError(f"snr: runs {runs} and sigma {sigma} must be at least 2 and 0; correct the setting.")
+    columns = [*CELL, "model", "snr", "snr_exact", "snr_low", "snr_high", "snr_stderr", "status"]
+    records, setting = [], (f0, delta, sigma)
+    for key, surrogate in cells:
+        quadratic = isinstance(surrogate, Surrogate)
+        cell, model, status = key[: len(CELL)], key[-1] if quadratic else CHOSEN, surrogate.status
+        numbers = [np.nan] * 5
+        if status != "constant" and noise and is_noise_free(noise[cell], response_size(surrogate)):
             status = "noise-free"
-        if status != "ok":
-            records.append(describe_snr(key, CHOSEN, status))
-            continue
-        rng = generator_for(seed, "sampled snr", name)
-        shape = min(runs, MOST_RUNS), len(surrogate.names) - 1
-        first, second = (
-            surrogate.predict(place_nodes(rng.standard_normal(shape), surrogate.names, f, sigma))
-            for f in (f0, f0 + delta)
-        )
-        drawn = draw_snr(surrogate, generator_for(seed, "snr draws", name), draws, *setting)
-        exact = quadrature_snr(surrogate, *setting)
-        status = "decreasing" if exact < 0 else "ok"
-        records.append(
-            describe_snr(key, CHOSEN, status, (first, second), exact, central_interval(drawn, level))
-        )
-    return pd.DataFrame(records)
+        elif status != "constant":
+            rng, other = (generator_for(seed, one, cell_name(key)) for one in _STREAMS[quadratic])
+            sampled = [sample_output(surrogate, rng, runs, f, sigma) for f in (f0, f0 + delta)]
+            if isinstance(surrogate, Surrogate):
+                exact = float(exact_snr(surrogate.theta, surrogate.terms, *setting))
+                status = output_status(surrogate)
+                interval = parametric_interval(surrogate, other, draws or 2000, level, *setting)
+            else:
+                exact = quadrature_snr(surrogate, *setting)
+                status = "decreasing" if exact < 0 else "ok"
+                interval = central_interval(draw_snr(surrogate, other, draws or 400, *setting), level)
+            snr, error = monte_carlo_error(*sampled)
+            numbers = [snr, exact, *interval, error]
+        records.append([*cell, model, *numbers, status])
+    return pd.DataFrame(records, columns=columns)
 
 
-def response_size(surrogate: ChosenSurrogate) -> float:
+def response_size(surrogate: ChosenSurrogate | Surrogate) -> float:
     """Return the magnitude of y at the design's centre."""
+    if isinstance(surrogate, Surrogate):
+        return abs(float(surrogate.theta[0]))
     centre = surrogate.predict(np.zeros((1, len(surrogate.names))))
     return float(np.abs(centre).max())
 
