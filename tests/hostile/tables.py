@@ -102,49 +102,29 @@ def spoil_parquet(content: bytes, draw: random.Random) -> tuple[bytes, str]:
         "a dictionary of numbers": pa.array([1.5] * n).dictionary_encode(),
         "bytes of a size": pa.array([b"1234"] * n, pa.binary(4)),
     }
-    more = [
-        "no rows", "gone", "twice", "odd names", "bomb", "odd pandas", "wide", "nested names", "odd units",
-        "an odd schema", "no columns", "groups of a row", "a long comment",
-    ]  # fmt: skip
-    what = draw.choice([*kinds, *more])
-    out = io.BytesIO()
-    if what in kinds:
-        table = table.set_column(k, name, kinds[what])
-    elif what == "no rows":
-        table = table[:0]
-    elif what == "gone":
-        table = table.remove_column(k)
-    elif what == "twice":
-        table = table.append_column(name, table[name])
-    elif what == "odd names":
-        table = table.rename_columns(
-            [
-                draw.choice(["", "\x1b[2J", "a\nb", "\u202e", "__index_level_0__"]) + str(i)
-                for i in range(table.num_columns)
-            ]
-        )
-    elif what == "odd pandas":
-        table = table.replace_schema_metadata({b"pandas": b'{"index_columns": ["x"], "columns": [{}]}'})
-    elif what == "wide":
-        table = pa.table({f"c{i}": pa.array([1.0]) for i in range(4000)})
-    elif what == "nested names":
-        table = table.append_column("a.b", table[name])
-    elif what == "odd units":
-        field = pa.field(name, table.schema.field(name).type, metadata={b"unit": b"\x1b[2J\xff"})
-        table = table.set_column(k, field, table[name])
-    elif what == "an odd schema":
-        table = table.replace_schema_metadata(
-            {b"ARROW:schema": b"AAAA", b"wearscope": b"{", b"\xff": b"\xfe"}
-        )
-    elif what == "no columns":
-        table = table.select([])
-    elif what == "a long comment":
-        table = table.replace_schema_metadata({b"a": b"x" * 30_000_000})
-    if what == "bomb":
-        with pq.ParquetWriter(out, pa.schema([("t", pa.float64())])) as writer:
-            zeros = pa.table({"t": pa.array(np.zeros(5_000_000))})
-            for _ in range(60):
-                writer.write_table(zeros)
-    else:
-        pq.write_table(table, out, row_group_size=1 if what == "groups of a row" else None)
+    odd = ["", "\x1b[2J", "a\nb", "\u202e", "__index_level_0__"]
+    unit = pa.field(name, table.schema.field(name).type, metadata={b"unit": b"\x1b[2J\xff"})
+    comments = table.replace_schema_metadata
+    ways = {kind: lambda kind=kind: table.set_column(k, name, kinds[kind]) for kind in kinds} | {
+        "no rows": lambda: table[:0],
+        "gone": lambda: table.remove_column(k),
+        "twice": lambda: table.append_column(name, table[name]),
+        "odd names": lambda: table.rename_columns(
+            [f"{draw.choice(odd)}{i}" for i in range(table.num_columns)]
+        ),
+        "bomb": lambda: pa.table({"t": np.zeros(5_000_000)}),
+        "odd pandas": lambda: comments({b"pandas": b'{"index_columns": ["x"], "columns": [{}]}'}),
+        "wide": lambda: pa.table({f"c{i}": [1.0] for i in range(4000)}),
+        "nested names": lambda: table.append_column("a.b", table[name]),
+        "odd units": lambda: table.set_column(k, unit, table[name]),
+        "an odd schema": lambda: comments({b"ARROW:schema": b"AAAA", b"wearscope": b"{", b"\xff": b"\xfe"}),
+        "no columns": lambda: table.select([]),
+        "groups of a row": lambda: table,
+        "a long comment": lambda: comments({b"a": b"x" * 30_000_000}),
+    }
+    what, out = draw.choice([*ways]), io.BytesIO()
+    spoiled = ways[what]()
+    with pq.ParquetWriter(out, spoiled.schema) as writer:
+        for _ in range(60 if what == "bomb" else 1):
+            writer.write_table(spoiled, row_group_size=1 if what == "groups of a row" else None)
     return out.getvalue(), f"{what} at {name}"
