@@ -156,12 +156,13 @@ def test_another_zero_of_the_last_joint_is_told_with_its_rival(tmp_path):
     assert told.startswith("perhaps q_j3") and "do not tell it from payload" in told
 
 
-def test_positions_of_another_zero_are_told_and_taken(tmp_path):
+@pytest.mark.parametrize(("coulomb", "viscous"), [(0.2, 0.3), (8.0, 4.0)])
+def test_positions_of_another_zero_are_told_and_taken_though_friction_be_most(tmp_path, coulomb, viscous):
     bench = Bench(tmp_path, 2, 2.0)
-    bench.record(torque_of(2.0, 0.2, 0.3, noise=0.02), position=lambda q, k: q - [0.0, np.pi / 2.0])
+    torque = torque_of(2.0, coulomb, viscous, noise=0.02)
+    bench.record(torque, position=lambda q, k: q - [0.0, np.pi / 2.0])
     ((name, size),) = re.findall(r"--shift (q_j\d)=(\S+?)[; ]", bench.refuse())
-    assert name == "q_j2"
-    assert float(size) == pytest.approx(np.pi / 2.0, abs=0.04)
+    assert name == "q_j2" and float(size) == pytest.approx(np.pi / 2.0, abs=0.04)
     bench.accept("--shift", f"{name}={size}")
 
 
@@ -171,13 +172,6 @@ def test_one_joint_in_degrees_makes_the_others_rad_that_were_read_as_degrees(tmp
     ((name, size),) = re.findall(r"--scale (q_j\d)=(\S+?)[; ]", bench.refuse())
     assert name == "q_j1" and float(size) == pytest.approx(180.0 / np.pi, rel=1e-4)
     bench.accept("--scale", f"{name}={size}")
-
-
-def test_another_zero_is_told_though_friction_is_most_of_the_torque(tmp_path):
-    bench = Bench(tmp_path, 2, 2.0)
-    bench.record(torque_of(2.0, 8.0, 4.0, noise=0.05), position=lambda q, k: q - [0.0, np.pi / 2.0])
-    said = re.search(r"--shift q_j2=(\S+?)[; ]", bench.refuse())
-    assert said is not None and float(said[1]) == pytest.approx(np.pi / 2.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("n", "mass", "friction"), [(1, 0.4, 1.0), (3, 20.0, 0.6)])
@@ -296,31 +290,28 @@ def test_torque_behind_the_gear_lacks_the_rotors_that_are_declared(tmp_path, n):
     assert not found.problems and len(said) == 1 and "no friction to be seen in this torque" in said[0]
 
 
-@pytest.mark.parametrize(("n", "ratio", "unit"), [slow(3, 6.33, 1.0), (2, 9.0, np.pi / 180)])
-def test_motors_angles_and_torques_are_told_and_taken(tmp_path, n, ratio, unit):
-    """Read as the joint's, as motors of a leg's joints are, and as degrees where they go far."""
-    bench = Bench(tmp_path, n, 0.6, size=0.5, seconds=20.0)
-    bench.record(
-        torque_of(0.6, 0.1, 0.05, noise=0.01, times=1.0 / ratio), position=lambda q, k: ratio * unit * q
-    )
-    said = bench.refuse("--position-unit", "rad")
-    found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
-    assert found == pytest.approx([1.0 / (ratio * unit)] * n, rel=0.1)
-    found = re.search(r"in addition, 'tau_j1'.* are (\S+) times", said)
-    assert found is not None and float(found[1]) == pytest.approx(1.0 / ratio, rel=0.15)
+MOTOR, BELT = (0.17, 0.08, "'tau_j1'.*", 0.1), (0.3, 0.3, "torques at all joints", 0.02)
 
 
-@pytest.mark.parametrize(("n", "mass", "belt"), [(2, 0.6, 1.55), slow(3, 5.0, 0.5)])
-def test_positions_and_torques_before_one_belt_are_told_with_both_factors(tmp_path, n, mass, belt):
-    bench, rubs = Bench(tmp_path, n, mass, size=0.5, seconds=20.0), 0.3 * mass
-    bench.record(
-        torque_of(mass, rubs, rubs, noise=0.01 * mass, times=1.0 / belt), position=lambda q, k: belt * q
-    )
-    said = bench.refuse("--position-unit", "rad")
+@pytest.mark.parametrize(
+    ("n", "mass", "ratio", "unit", "drive"),
+    [
+        slow(3, 0.6, 6.33, 1.0, MOTOR), (2, 0.6, 9.0, np.pi / 180, MOTOR),
+        (2, 0.6, 1.55, 1.0, BELT), slow(3, 5.0, 0.5, 1.0, BELT),
+    ],
+)  # fmt: skip
+def test_positions_and_torques_before_a_gear_are_told_with_both_factors(
+    tmp_path, n, mass, ratio, unit, drive
+):
+    """Of motors of a leg's joints, read as degrees where they go far; and before belts, all alike."""
+    coulomb, viscous, torques, near = drive
+    bench = Bench(tmp_path, n, mass, size=0.5, seconds=20.0)
+    torque = torque_of(mass, mass * coulomb, mass * viscous, noise=0.01 * mass, times=1.0 / ratio)
+    said = bench.record(torque, position=lambda q, k: ratio * unit * q).refuse("--position-unit", "rad")
     found = [float(one) for one in re.findall(r"--scale q_j\d=([\d.]+)", said)]
-    assert found == pytest.approx([1.0 / belt] * n, rel=0.02)
-    torques = re.search(r"in addition, torques at all joints are (\S+) times", said)
-    assert torques is not None and float(torques[1]) == pytest.approx(1.0 / belt, rel=0.05)
+    assert found == pytest.approx([1.0 / (ratio * unit)] * n, rel=near)
+    told = re.search(rf"in addition, {torques} are (\S+) times", said)
+    assert told is not None and float(told[1]) == pytest.approx(1.0 / ratio, rel=1.5 * near)
 
 
 @pytest.mark.parametrize(
