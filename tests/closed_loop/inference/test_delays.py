@@ -113,7 +113,7 @@ def test_another_name_takes_the_place_of_a_refused_one(record, pose):
 
 @pytest.mark.slow
 def test_a_delay_is_found_where_a_law_that_explains_more_may_have_no_level(tmp_path):
-    """The joint hardly reverses at 50 Hz: the law's level may be zero, and the delay of 4 ms is named in its place."""
+    """The joint hardly reverses: the law's level may be zero, and a delay of 4 ms is named instead."""
     list_cases("development", 200, 301)[79].make(tmp_path / "d")
     verdict = diagnose(tmp_path / "d").verdict
     (entry,) = (one for one in verdict["verdict"] if one["joint"] == "j5")
