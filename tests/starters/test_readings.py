@@ -482,6 +482,22 @@ def test_a_data_set_has_one_unit(tmp_path, far, unit):
     assert ("as deg, by their size" in text) == (unit != 1.0)
 
 
+def test_a_joint_without_limits_says_nothing_about_the_unit(tmp_path):
+    """A wheel turns twice as far as two turns in one of the recordings; the arm stays within a radian."""
+    bench = Bench(tmp_path, 2, 0.6, seconds=20.0)
+    urdf = tmp_path / "arm.urdf"
+    arm, wheel = urdf.read_text().rsplit('type="revolute"', 1)
+    urdf.write_text(f'{arm}type="continuous"{wheel}')
+
+    def roll(q, k):
+        return q * [1.0, (26.0 if k == 2 else 3.0) / np.abs(q[:, 1]).max()]
+
+    bench.record(torque_of(0.6), position=roll)
+    done = bench.take("--accept", "unrelated tau")
+    text = done.output + str(done.exception)
+    assert "positions are taken as rad" in text and "deg" not in text
+
+
 @pytest.mark.parametrize("toggles", [False, True])
 @pytest.mark.parametrize(("count", "tick"), [(3.83e-4, 0.0134), slow(8e-5, 0.002)])
 def test_a_joint_that_rests_does_not_count(tmp_path, toggles, count, tick):

@@ -149,18 +149,19 @@ def position_unit(
 def _are_small(file: Path, group: Group, values: Array, ordered: Sequence[Joint], scale: _Scale) -> bool:
     """Return whether positions (N, n) are, by their magnitude, in the smaller unit (deg or mm)."""
     farthest = np.abs(values).max(axis=0, initial=0.0)
-    limits = [max(abs(joint.lower), abs(joint.upper)) for joint in ordered]
-    small = farthest.max() > scale.farthest or any(
-        0.0 < limit < OPEN_LIMIT and one > 2.0 * _BEYOND * limit and one * scale.factor <= _BEYOND * limit
-        for one, limit in zip(farthest, limits, strict=True)
-    )
+    limits = np.array([max(abs(joint.lower), abs(joint.upper)) for joint in ordered])
+    bound = (0.0 < limits) & (limits < OPEN_LIMIT) & [joint.kind != "continuous" for joint in ordered]
+    beyond = (farthest > 2.0 * _BEYOND * limits) & (farthest * scale.factor <= _BEYOND * limits)
+    # A wheel or turntable may turn as often as it likes, so that the other joints tell the unit.
+    counted = farthest[bound] if bound.any() else farthest
+    small = counted.max() > scale.farthest or bool(np.any(bound & beyond))
     marks = {word for column in group.columns for word in split_name(column)}
     if small and "motor" in marks and not any("motor" in split_name(joint.name) for joint in ordered):
         raise InputError(
             f"{file}: its positions reach {farthest.max():.3g} and are named as a motor's; give --side motor "
             f"and --gear-ratio, or where they are those of the joint, --position-unit {scale.small}."
         )
-    return bool(small)
+    return small
 
 
 def unwrap_counts(counts: Array) -> Array:
