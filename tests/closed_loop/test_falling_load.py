@@ -38,6 +38,7 @@ def worn(share, fall, speed):
             ],
         ),
         (1, 0.2, 0.0, 1.0),
+        (1, 1.3, 0.0, 1.0),  # a worm gear, which its load cannot drive back
     ],
 )
 def test_both_parts_are_named_with_the_truth_in_their_intervals(tmp_path, joints, share, fall, speed):

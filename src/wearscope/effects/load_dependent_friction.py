@@ -1,8 +1,8 @@
 """Friction that grows with the transmitted load.
 
 The coefficient is friction over load. A gear of efficiency e that drives its load has 1/e - 1: 0.1 to 0.4 for
-strain wave and cycloidal gears, about 0.6 for the spur gears of a small servo. At 1 a gear cannot be driven
-back by its load.
+strain wave and cycloidal gears, about 0.6 for the spur gears of a small servo. From 1 on a gear cannot be
+driven back by its load: worm gears and lead screws have 0.5 to 4 (efficiencies of 0.67 to 0.2).
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ EFFECT = Effect(
     name="load_dependent_friction",
     form="(coefficient + fall exp(-abs(v)/speed)) abs(tau_rb) sign(v)",
     coefficients=(
-        Parameter("coefficient", "-", lower=0.0, believable=(0.0, 1.0)),
-        Parameter("fall", "-", lower=0.0, default=0.0, believable=(0.0, 1.0)),
+        Parameter("coefficient", "-", lower=0.0, believable=(0.0, 4.0)),
+        Parameter("fall", "-", lower=0.0, default=0.0, believable=(0.0, 4.0)),
     ),
     variants=(("coefficient",),),
     extensions=(("coefficient", "fall"),),

@@ -111,6 +111,21 @@ def test_what_the_model_lacks_is_no_delay_of_the_recorder(tmp_path, drag):
     check(swing(tmp_path / "p", 2.0, further=lambda q, v: drag * q**2 * v, runs=6))
 
 
+def rub_by_load(q, v, share=1.1, stiffness=1000.0):
+    """Friction of a worm gear: a share of the load, which builds up over some way after a reversal (Dahl)."""
+    load = (MOMENT + MASS * LENGTH**2) * np.gradient(v) * RATE + MASS * GRAVITY * LENGTH * np.sin(q)
+    level, bent, torque = 1.0 + share * np.abs(load), 0.0, np.zeros_like(q)
+    for k, step in enumerate(v / RATE):
+        bent = (bent + step) / (1.0 + abs(step) * stiffness / level[k])
+        torque[k] = stiffness * bent
+    return torque
+
+
+def test_friction_that_builds_up_with_the_load_is_no_delay(tmp_path):
+    notes = check(swing(tmp_path / "p", 0.6, 0.2, further=rub_by_load)).notes
+    assert not [note for note in notes if "late" in note or "follow the motion" in note]
+
+
 @pytest.mark.parametrize(
     ("turned", "further"),
     [
@@ -258,6 +273,16 @@ def test_a_run_with_the_drive_off_does_not_spoil_the_others(tmp_path):
     )
     prepared = check(folder)
     assert not prepared.runs[0].keep.any() and prepared.runs[1].keep.mean() > 0.8
+
+
+def test_a_few_rows_do_not_say_that_a_drive_is_off(tmp_path):
+    prepared = check(swing(tmp_path / "p", 1.0))
+    first, *others = prepared.runs
+    at = np.flatnonzero(first.keep[:, 0])[10:16]
+    few = replace(first, keep=np.isin(np.arange(len(first.keep)), at)[:, None])
+    some = replace(prepared, runs=[few, *others], notes=[])
+    Rows.of(some)
+    assert some.notes == []
 
 
 def test_a_lag_may_be_declared(tmp_path):

@@ -32,7 +32,7 @@ _WAVES, _PLACES = 6, 3
 #: sign.
 OWN: tuple[str, ...] = ("inertia", "Coulomb", "sharp friction", "late friction", "viscous", "offset")
 OWN = (*OWN, "load friction", "spring", "balancer", "balancer")
-OWN = (*OWN, *["falling friction"] * 2, *["falling load friction"] * 2)
+OWN = (*OWN, *["load friction"] * 2, *["falling friction"] * 2, *["falling load friction"] * 2)
 OWN = (*OWN, *["force by position"] * (2 * _WAVES), *["friction by position"] * _PLACES)
 OWN = (*OWN, *["damping by position"] * _PLACES)
 DRIVE, FREE = 6, ("offset", "spring", "balancer", "force by position")
@@ -111,6 +111,7 @@ def make_columns(rows: Rows, reading: Reading, coarse: bool = False) -> Columns:
     own = [moved.a, moved.sign, moved.sharp, moved.late, moved.v, np.ones_like(known)]
     own += [load, moved.q, np.sin(moved.q), np.cos(moved.q)]
     if not coarse:
+        own += [np.abs(known) * late for late in (moved.late, moved.slow)]
         falls = [np.exp(-slow / (share * top)) for share in _FALLS]
         own += [x * f for x in (moved.sign, load) for f in falls]
         low, high = moved.q.min(axis=0), moved.q.max(axis=0)

@@ -284,9 +284,11 @@ def find_delay(few: Weighing, r: Reading) -> Reading:
 def _move(few: Weighing, r: Reading, times: np.ndarray, growth: float = 0.0) -> Reading:
     """Reading with delays (runs,) [s] at the start of the runs; they grow by `growth` [s] in the longest."""
     longest = max(float(run.t[-1]) for run in few.rows.prepared.runs)
-    free = FREE * (len(set(times) - {0.0}) + (growth != 0.0))
-    late = r.has("late", free, delay=tuple(times.tolist()), drift=growth / longest)
-    return late.has("late", NOTE * (not _is_late(late, few.rows)))
+    free = len(set(times) - {0.0}) + (growth != 0.0)
+    late = r.has("late", FREE * free, delay=tuple(times.tolist()), drift=growth / longest)
+    late = late.has("late", NOTE * (not _is_late(late, few.rows)))
+    # Clocks that differ, or that are started by hand, are rarer than one delay, which they contain.
+    return late if len(set(times)) == 1 and not growth else late.has("clocks", NOTE)
 
 
 def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
@@ -331,7 +333,7 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
         )
     if len(set(times)) > 1:
         runs = zip(times, rows.prepared.runs, strict=True)
-        told = ", ".join(f"{time:.0f} ms in {run.label}" for time, run in runs)
+        told = ", ".join(f"{round(time)} ms in {run.label}" for time, run in runs)
         return (
             "the torque channels are late by another time in each run, as where two recorders are started by "
             f"hand: {told}; move the torques of each run by its time.",

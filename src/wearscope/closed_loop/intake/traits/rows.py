@@ -20,12 +20,12 @@ LONGEST = 0.3
 #: explains the second share of it. A joint rests in a run where it moves less than the third share of its
 #: reach.
 _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
-#: Distance over which friction builds up after a reversal (presliding), as a share of the joint's reach, and
-#: its least value [rad or m].
-_YIELDS, _LEAST_WAY = 0.0003, 1e-12
+#: Distances over which friction builds up after a reversal (presliding), as shares of the joint's reach, and
+#: their least value [rad or m].
+_YIELDS, _LEAST_WAY = (0.0003, 0.003), 1e-12
 #: Number of neighbouring rows in a block of residuals.
 _BLOCK = 8
-_MOTION = ("q", "v", "a", "sign", "sharp", "late", "jerk", "snap")
+_MOTION = ("q", "v", "a", "sign", "sharp", "late", "slow", "jerk", "snap")
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Rows:
     prepared : Prepared
     q, v, a, jerk, snap : ndarray
         Position and its derivatives at the common bandwidth.
-    sign, sharp, late : ndarray
-        Direction of motion with reversals of the fitted width; an abrupt direction less that one; a direction
-        that lags over a short distance (presliding) less the abrupt one.
+    sign, sharp, late, slow : ndarray
+        Direction of motion with reversals of the fitted width; an abrupt direction less that one; directions
+        that lag over a short and a longer distance (presliding) less the abrupt one.
     tau : ndarray
     counts : ndarray of bool
         Rows that count for a torque column.
@@ -59,6 +59,7 @@ class Rows:
     sign: np.ndarray
     sharp: np.ndarray
     late: np.ndarray
+    slow: np.ndarray
     tau: np.ndarray
     counts: np.ndarray
     run: np.ndarray
@@ -185,7 +186,7 @@ class Rows:
         powers = {"v": 1, "a": 2, "jerk": 3, "snap": 4}
         own |= {name: own[name] * factor / reading.clock**k for name, k in powers.items()}
         way = np.sign(factor) * np.sign(reading.clock)
-        own |= {name: own[name] * way for name in ("sign", "sharp", "late")}
+        own |= {name: own[name] * way for name in ("sign", "sharp", "late", "slow")}
         own |= {"q": own["q"] * factor + reading.zero}
         at = self.doubted[:, None]
         return replace(self, **{name: np.where(at, own[name], getattr(self, name)) for name in _MOTION})
@@ -209,27 +210,30 @@ def _take(run: PreparedRun, runs: int) -> dict[str, np.ndarray]:
     at = slice(None, None, max(1, len(run.t) // most))
     motion = {"q": signals.q, "v": signals.v, "a": signals.a, "sign": signals.sign}
     sign = np.where(run.resting, 0.0, np.sign(signals.v))
-    motion |= {"sharp": sign - signals.sign, "late": _find_late(run, sign)}
+    motion |= {"sharp": sign - signals.sign}
+    motion |= {
+        name: _find_late(run, sign, share) for name, share in zip(("late", "slow"), _YIELDS, strict=True)
+    }
     own = {name: run.reduce(x)[at] for name, x in motion.items()}
     line = interpolate.CubicSpline(run.t, run.reduce(signals.a))
     own |= {"jerk": line(run.t[at], 1), "snap": line(run.t[at], 2)}
     return own | {"tau": run.measured[at], "counts": run.keep[at], "t": run.t[at]}
 
 
-def _find_late(run: PreparedRun, sign: np.ndarray) -> np.ndarray:
-    """Direction (N, n) that lags a reversal over a short distance, less the abrupt direction; 0 at rest."""
-    ways = _YIELDS * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
+def _find_late(run: PreparedRun, sign: np.ndarray, share: float) -> np.ndarray:
+    """Direction (N, n) that lags a reversal over a share of the reach, less the abrupt one; 0 at rest."""
+    ways = share * np.ptp(run.signals.q, axis=0) + _LEAST_WAY
     signals = replace(run.signals, sign=sign, _slopes={})
     late = [PRESLIDING.columns(signals, j, ways[[j]]) for j in range(len(ways))]
     return np.where(run.resting, 0.0, np.concatenate(late, axis=1))
 
 
 def _is_driven(run: PreparedRun, own: dict[str, np.ndarray], j: int) -> bool:
-    """Whether the motion explains most of a torque that hardly varies."""
+    """Whether the motion explains most of a torque that hardly varies, or rows are too few to say so."""
     body = run.signals.rigid_body.inverse_dynamics(own["q"], own["v"], own["a"])
     at = own["counts"][:, j]
     if at.sum() < LEAST_ROWS:
-        return False
+        return True
     columns = [body[at, j], own["a"][at, j], own["sign"][at, j], own["v"][at, j], np.ones(at.sum())]
     return bool(subtract_fit(own["tau"][at, j], columns).var() < _MOST * own["tau"][at, j].var())
 

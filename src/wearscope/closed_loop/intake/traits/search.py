@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
 from wearscope.closed_loop.intake.traits.hypotheses import NOTE, TRAITS, Trait, tell
 from wearscope.closed_loop.intake.traits.reading import Reading
 from wearscope.closed_loop.intake.traits.rows import Rows
-from wearscope.closed_loop.intake.traits.score import PAYLOAD, Model, Weighing
+from wearscope.closed_loop.intake.traits.score import GAINS, PAYLOAD, Model, Weighing
 
 #: Odds against a trait, 100 to 1, and further odds that a refusal needs [nats].
 ODDS, REFUSE = float(np.log(100.0)), 10.0
@@ -96,8 +97,9 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
-        # Of equally good readings, the one that is proposed first is taken.
-        further = max(models, key=lambda one: round(one.over(best)), default=best)
+        # Readings are compared with each other, as the number of independent rows differs by pair. Of equally
+        # good ones, the one that is proposed first is taken.
+        further = reduce(lambda one, other: other if other.over(one) > GAINS else one, models or [best])
         if further.over(best) > (0.0 if best is stated else NOTE):
             best = further
         elif best is not stated:
