@@ -276,7 +276,7 @@ def conclude(
     start : Model, optional
         From whose terms the search goes on.
     """
-    answer, declared, proposed, determined = find_determined(problem, policy, progress, start)
+    answer, declared, proposed, determined = find_determined(find_terms(problem, policy, progress, start))
     # What is fitted, marked and told goes along the reversals that were found.
     problem, sigma = answer.problem, answer.sigma
     prepared = problem.prepared
@@ -302,17 +302,12 @@ def conclude(
     )  # fmt: skip
 
 
-def find_determined(
-    problem: Problem, policy: Policy, progress: Callable[[str], None], start: Model | None
-) -> tuple[Answer, Regression, Regression, list[Found]]:
-    """The search's answer, the models without and with its names, and those that the runs determine.
+def find_determined(answer: Answer) -> tuple[Answer, Regression, Regression, list[Found]]:
+    """The answer, the models without and with its names, and the names that the runs determine.
 
-    A name that the runs do not determine may stand in the place of another one, so the search goes on
-    without it.
+    A name whose coefficients may be zero can stand in the place of another one, which is then tried.
     """
-    refused: dict[tuple, str] = {}
     while True:
-        answer = find_terms(problem, policy, progress, start, refused)
         problem = answer.problem
         declared = fit_declared_model(
             problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
@@ -320,13 +315,11 @@ def find_determined(
         if any(term.is_measurement_error for term in declared.entries):
             declared = refit(declared, declared.entries)
         proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
-        dropped = [f.term for f in answer.found if f not in determined]
-        new = {t.key for t in dropped if not t.effect.is_in_every_drive} - set(refused)
-        if not new:
+        kept = {id(f.term) for f in determined}
+        terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
+        if not terms:
             return answer, declared, proposed, determined
-        refused |= dict.fromkeys(new, "its coefficients may be zero")
-        start = answer.model.has([t for t in answer.model.terms if t.key not in refused])
-        progress("the search goes on without names whose coefficients may be zero")
+        answer = answer.replace(terms, "its coefficients may be zero")
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:

@@ -1,9 +1,8 @@
 """From a problem to its names, each with its odds and equivalents, and what is left."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ from wearscope.closed_loop.inference.extensions import (
 )
 from wearscope.closed_loop.inference.gram import ROUNDING
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
-from wearscope.closed_loop.inference.moves import SURELY, Moves, list_alternatives, tell_odds
+from wearscope.closed_loop.inference.moves import SURELY, TOP, Moves, list_alternatives, tell_odds
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
@@ -79,18 +78,37 @@ class Answer:
     model : Model
         The most probable one.
     score : Score
-    found : list of Found
-        Its terms.
+    sigma : ndarray (n,)
+        Residual scale by joint, with all terms that the search found.
     refused : dict of int to Left
         By joint, what the search found and could not take.
     """
 
     model: Model
     score: Score
-    found: list[Found]
+    sigma: np.ndarray = field(repr=False)
     refused: dict[int, Left]
     _moves: Moves = field(repr=False)
     _first: Model = field(repr=False)
+    _past: list[Term] = field(repr=False)
+
+    @cached_property
+    def found(self) -> list[Found]:
+        """The model's terms; no model can hold the past, but names are judged next to it."""
+        whole = self.model.has([*self.model.terms, *self._past])
+        return [_judge(self._moves, whole, t) for t in self.model.terms]
+
+    def replace(self, terms: Sequence[Term], why: str) -> "Answer":
+        """The answer without some terms; the most probable other one at its joint, if any, replaces each."""
+        refused = self._moves.refused | {t.key: why for t in terms}
+        moves = replace(self._moves, refused=refused)
+        model = self.model.has([t for t in self.model.terms if t not in terms]).rescale()
+        for term in terms:
+            best, gain = moves.choose(model, moves.list_extensions(model, [term.joint])[:TOP], model)
+            if best is not None:
+                moves.tell(f"{moves.name(term)} is replaced by {moves.name(best)}", gain)
+                model = moves.refine(model.extend(best), best).rescale()
+        return replace(self, model=model, _moves=moves)
 
     @cached_property
     def _rest(self) -> tuple[dict[int, Left], dict[int, str]]:
@@ -123,11 +141,6 @@ class Answer:
         """The problem, along the reversals that were found."""
         return self.model.problem
 
-    @property
-    def sigma(self) -> np.ndarray:
-        """Residual scale (n,) by joint."""
-        return self.model.fit.settle_scale()
-
     @cached_property
     def limits(self) -> list[dict[str, float]]:
         """By joint, the share of its torque below which each effect gets no name."""
@@ -139,7 +152,6 @@ def find_terms(
     policy: Policy,
     progress: Callable[[str], None] = lambda _: None,
     start: Model | None = None,
-    refused: Mapping[tuple, str] = MappingProxyType({}),
 ) -> Answer:
     """Terms that a declared model lacks, with names, from the training runs.
 
@@ -150,9 +162,7 @@ def find_terms(
     progress : callable
         Called with a line of text at each move.
     start : Model, optional
-        Of the same machine, from whose terms the search goes on.
-    refused : mapping of tuple to str, optional
-        Keys of terms that are not tried, and why.
+        Of the same machine along other data, from whose terms the search goes on.
 
     Returns
     -------
@@ -169,7 +179,7 @@ def find_terms(
     score = Score(policy, problem.gram.layout)
     model = Moves(score, splines, progress).settle(bare.has(standard).rescale().rescale(), forms=False)
     score = Score(policy, problem.gram.layout, model)
-    moves = Moves(score, splines, progress, dict(refused))
+    moves = Moves(score, splines, progress)
     first = model
     if start is not None:
         model = moves.settle(take_over(model.problem, start).rescale().rescale())
@@ -185,10 +195,7 @@ def find_terms(
     model, unbelievable = _compare_unbelievable(moves, model)
     left |= unbelievable
     model = model.has(_join_parts(model.terms))
-    # No model can hold the past, but names are judged next to it.
-    whole = model.has([*model.terms, *past])
-    found = [_judge(moves, whole, t) for t in model.terms]
-    return Answer(model, score, found, left, moves, first)
+    return Answer(model, score, model.fit.settle_scale(), left, moves, first, past)
 
 
 def take_over(problem: Problem, start: Model) -> Model:
