@@ -97,7 +97,8 @@ def test_noise_with_memory_is_worth_fewer_rows(reference, rows):
     rng = np.random.default_rng(6)
     white = rng.standard_normal(len(evidence.y))
     slow = np.convolve(rng.standard_normal(len(white) + 80), np.ones(80), "valid")[: len(white)]
-    assert evidence.design(white) < 2.0 and evidence.design(slow) > 10.0
+    assert evidence.blocks.find_design_effect(white) < 2.0
+    assert evidence.blocks.find_design_effect(slow) > 10.0
     assert evidence.rows(slow, 0) < evidence.rows(white, 0) <= 250.0
 
 

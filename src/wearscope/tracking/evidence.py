@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from wearscope.closed_loop.intake.design_effect import JoinedBlocks
 from wearscope.closed_loop.model.events import FITS
 from wearscope.tracking.changes import BODY, Change
 from wearscope.tracking.rows import RunRows, scatter_columns
@@ -141,9 +142,9 @@ class Evidence:
             starts.append(first + r.starts)
             runs += [k] * len(r.starts)
             first += len(r.target)
-        self.starts, self._run = np.concatenate(starts), np.array(runs)
-        block = np.searchsorted(self.starts, np.arange(first), side="right") - 1
-        self._fold = block * _FOLDS // len(self.starts)
+        self.blocks = JoinedBlocks(np.concatenate(starts), np.array(runs))
+        block = np.searchsorted(self.blocks.starts, np.arange(first), side="right") - 1
+        self._fold = block * _FOLDS // len(runs)
         self.count = np.maximum(keep.sum(axis=0), 1.0)
         self._penalty = np.concatenate(
             [*(self._usual(change, payload_prior) for change in changes), np.ones(self.random.shape[2])]
@@ -253,24 +254,13 @@ class Evidence:
 
     def rows(self, score: np.ndarray, joint: int) -> float:
         """Number of independent rows that scores (R,) at a joint are worth, limited by `_MOST_ROWS`."""
-        return float(1.0 / (self.design(score) / self.count[joint] + 1.0 / _MOST_ROWS))
+        return self.blocks.count_rows(score, self.count[joint], _MOST_ROWS)
 
     def cost(self, fit: Fit, rows: float) -> float:
         """Cost of a set in nats; bodies on two links at once are rarer than on one."""
         more = max(sum(change.kind == BODY for change in fit.changes) - 1, 0)
         odds = sum(self.odds + change.odds for change in fit.changes)
         return 0.5 * fit.dof * np.log(rows) + fit.strain + odds + SURE * more
-
-    def design(self, score: np.ndarray) -> float:
-        """Design effect of scores (R,): variance of sums over 1 to 8 blocks over that of independent rows."""
-        base, worst, sums = float(score @ score), 1.0, np.add.reduceat(score, self.starts)
-        for merge in (1, 2, 4, 8):
-            new = (np.diff(self._run) != 0) | (np.arange(1, len(self._run)) % merge == 0)
-            part = np.bincount(np.cumsum(np.concatenate([[0], new])), sums)
-            part = part[np.abs(part) > 0]
-            if base > 0 and len(part) >= (4 if merge == 1 else 8):
-                worst = max(worst, float(part @ part) / base * len(part) / (len(part) - 1.0))
-        return worst
 
     def torque(self, fit: Fit, change: Change) -> np.ndarray:
         """Torque (R, n) of a change as fitted."""

@@ -69,7 +69,7 @@ def find_changes(evidence: Evidence, usual: np.ndarray, reach: float) -> Found:
             if best.held[j] > _FAR * usual[j]:
                 scores = np.einsum("rk,r->rk", evidence.z[:, j], best.left[:, j])
                 shown = [score for score in scores.T if np.any(score)]
-                variance[j] = best.held[j] * max(map(evidence.design, shown), default=1.0)
+                variance[j] = best.held[j] * max(map(evidence.blocks.find_design_effect, shown), default=1.0)
         if np.allclose(variance, evidence.variance):
             break
         evidence.weigh(variance)

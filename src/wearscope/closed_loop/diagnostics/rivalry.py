@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from wearscope.closed_loop.intake.design_effect import JoinedBlocks
 from wearscope.closed_loop.intake.prepared import PreparedRun
 from wearscope.closed_loop.intake.signals import join_signals
 from wearscope.closed_loop.model.prediction import find_operating_point
@@ -19,8 +20,6 @@ _SHAPES = 9
 _REFINED = ((0.5, 1.0, 2.0, 4.0), (0.6, 1.0, 1.6))
 #: Standard errors, and share of the loss left, by which two names must differ to be told apart.
 ERRORS, MATERIAL = 2.0, 0.02
-#: Longest lag of the residual's autocorrelation that is summed [rows].
-_LAGS = 40
 
 
 @dataclass(frozen=True)
@@ -135,8 +134,12 @@ class Rivalry:
         score = np.concatenate([x.reshape(-1, x.shape[2]) for x in parts]).T @ target
         self.prior = model.prior[np.ix_(self.base, self.base)]
         self.betas = [self._fit(k, score) for k in range(len(names))]
-        self.length = int(np.median([block.stop - block.start for block in model.blocks]))
-        self.inflation = max(self._measure_inflation(j) for j in self.joints)
+        lengths = np.array([block.stop - block.start for block in model.blocks])
+        self.length = int(np.median(lengths))
+        blocks = JoinedBlocks(np.cumsum(lengths) - lengths, np.array([block.run for block in model.blocks]))
+        residuals = zip(model.residuals(self.theta), model.weights, strict=True)
+        left = np.concatenate([residual * weight for residual, weight in residuals])
+        self.inflation = max(blocks.find_design_effect(left[:, j]) for j in self.joints)
 
     def _lay_out(self) -> list[list[slice]]:
         """Column span of every shape and subset of each name, after the model's columns; sets `picks`."""
@@ -241,20 +244,6 @@ class Rivalry:
         if error <= 0.0:
             return -ERRORS
         return (contrast.evidence - max(ERRORS * error, MATERIAL * sums.rows)) / error
-
-    def _measure_inflation(self, joint: int) -> float:
-        """Variance of a sum of residuals, over the variance that it would have if they were independent."""
-        total, zero = 0.0, 0.0
-        for r, w in zip(self.model.residuals(self.theta), self.model.weights, strict=True):
-            x = (r * w)[:, joint]
-            zero += float(x @ x)
-            total += float(x @ x)
-            for lag in range(1, min(_LAGS, len(x) // 4)):
-                product = float(x[lag:] @ x[:-lag])
-                if product < 0.02 * float(x @ x):
-                    break
-                total += 2.0 * product
-        return max(total / zero, 1.0) if zero > 0 else 1.0
 
 
 def _solve(inner: np.ndarray, score: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -6,12 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from wearscope.closed_loop.intake.design_effect import JoinedBlocks
 from wearscope.closed_loop.intake.filtering import rows
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.model.blocks import Block, Folds, hold_out_fifths, make_blocks, make_folds
-
-#: Numbers of neighbouring blocks that are summed, to estimate the residual's autocorrelation.
-_JOINED = (1, 2, 4, 8, 16, 32)
 
 
 def measure_motion(run: PreparedRun, start: int, stop: int) -> np.ndarray:
@@ -130,10 +128,9 @@ class Layout:
         return other
 
     @cached_property
-    def joined(self) -> list[np.ndarray]:
-        """First blocks of sums of 1, 2, 4 ... 32 neighbouring blocks, within their runs."""
-        apart, number = np.diff(self.run_of) != 0, np.arange(1, len(self.blocks))
-        return [np.concatenate([[0], 1 + np.flatnonzero(apart | (number % count == 0))]) for count in _JOINED]
+    def joined(self) -> JoinedBlocks:
+        """The blocks, joined within their runs."""
+        return JoinedBlocks(self._starts, self.run_of)
 
     def sum_blocks(self, x: np.ndarray) -> np.ndarray:
         """Sums (B, ...) of rows (M, ...) by block."""

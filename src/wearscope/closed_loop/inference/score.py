@@ -28,8 +28,6 @@ from wearscope.effects.base import WaveEffect
 SURELY = 1.0
 #: A model this many nats behind is improbable enough to end the comparison early.
 _HOPELESS = -8.0
-#: Fewest summed blocks from which the residual's autocorrelation is estimated.
-_FEWEST = 8
 #: Number of coefficients that a height of a penalised spline counts as.
 _SPLINE = 0.5
 #: Number of coefficients that a searched shape counts as: half of its values are no better than the others.
@@ -213,29 +211,8 @@ class Score:
         return self.count_rows(direction * better.leave(joint), int(self.layout.keep[:, joint].sum()))
 
     def count_rows(self, product: np.ndarray, count: int) -> float:
-        """Independent rows that inform on a direction.
-
-        Parameters
-        ----------
-        product : ndarray (M,)
-            The direction times what a model leaves, zero in rows that do not count.
-        count : int
-            Rows that do.
-        """
-        return 1.0 / (self._find_design_effect(product) / max(count, 1) + 1.0 / self.policy.most_rows)
-
-    def _find_design_effect(self, product: np.ndarray) -> float:
-        """Variance of a mean of rows (M,) over that of independent ones, the largest by joined blocks."""
-        single = float(product @ product)
-        if single <= 0.0:
-            return 1.0
-        by_block, worst = self.layout.sum_blocks(product), 1.0
-        for starts in self.layout.joined:
-            sums = np.add.reduceat(by_block, starts)
-            sums = sums[sums != 0.0]
-            if len(sums) >= _FEWEST:
-                worst = max(worst, float(sums @ sums) / single * len(sums) / (len(sums) - 1.0))
-        return worst
+        """Independent rows that inform on a direction, by its product (M,) with what a model leaves."""
+        return self.layout.joined.count_rows(product, count, self.policy.most_rows)
 
 
 def _resembles_drift(fit: Fit, term: Term) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import interpolate
 
+from wearscope.closed_loop.intake.design_effect import JoinedBlocks
 from wearscope.closed_loop.intake.filtering import differentiate, low_pass
 from wearscope.closed_loop.intake.prepared import Prepared, PreparedRun
 from wearscope.closed_loop.intake.traits.reading import Reading
@@ -140,10 +141,11 @@ class Rows:
         return np.asarray((np.arange(len(number)) - start[number]) * 5 // length[number])
 
     @cached_property
-    def block(self) -> np.ndarray:
-        """Number (N,) of the block of neighbouring rows to which each row belongs."""
+    def blocks(self) -> JoinedBlocks:
+        """Blocks of neighbouring rows."""
         cut = (np.diff(self.run) != 0) | (np.arange(1, len(self.run)) % _BLOCK == 0)
-        return np.append(0, np.cumsum(cut))
+        starts = np.append(0, 1 + np.flatnonzero(cut))
+        return JoinedBlocks(starts, self.run[starts])
 
     @cached_property
     def _splines(self) -> list[interpolate.CubicSpline]:

@@ -33,8 +33,6 @@ from wearscope.robots.dynamics import N_PARAMETERS
 
 #: Form error, a share of a torque's variance; largest number of independent rows; nats that a term must gain.
 FORM, ROWS, GAINS = 0.005, 100.0, 0.5
-#: Numbers of blocks that are joined, and fewest joined blocks, to estimate the residual's autocorrelation.
-_JOINED, _FEWEST = (1, 2, 4, 8), 8
 #: Iterations in which the torques are weighted by their residuals; largest number of moves of a climb, and of
 #: terms that each move tries.
 _TURNS, _MOVES, _TRIED = 3, 12, 3
@@ -336,22 +334,9 @@ class Model:
         for k in range(len(self.held)):
             a, b = other.leave(k), self.leave(k)
             product = (a - b) * (b if self.held[k] < other.held[k] else a)
-            effect = self._find_design_effect(product)
-            rows = 1.0 / (effect / self.fit.count[k] + 1.0 / ROWS)
+            rows = self.fit.rows.blocks.count_rows(product, self.fit.count[k], ROWS)
             total += rows / 2 * float(np.log((other.held[k] + FORM) / (self.held[k] + FORM)))
         return total
-
-    def _find_design_effect(self, product: np.ndarray) -> float:
-        """Design effect of rows (N,): variance of their mean over that of independent rows.
-
-        It is estimated from blocks of several lengths; the largest estimate is taken.
-        """
-        single, sums, worst = float(product @ product), np.bincount(self.fit.rows.block, product), 1.0
-        for count in _JOINED if single > 0.0 else ():
-            own = np.add.reduceat(sums, np.arange(0, len(sums), count))
-            if len(own) >= _FEWEST:
-                worst = max(worst, float(own @ own) / single)
-        return worst
 
     def list_hopes(self) -> list[Term]:
         """Terms that may gain, best first, by their gain on the fitted rows with all others refitted."""
