@@ -317,9 +317,10 @@ def find_determined(answer: Answer) -> tuple[Answer, Regression, Regression, lis
         proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
         kept = {id(f.term) for f in determined}
         terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
-        if not terms:
+        replaced = answer.replace(terms, "its coefficients may be zero")
+        if replaced is None:
             return answer, declared, proposed, determined
-        answer = answer.replace(terms, "its coefficients may be zero")
+        answer = replaced
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:

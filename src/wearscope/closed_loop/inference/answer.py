@@ -98,17 +98,20 @@ class Answer:
         whole = self.model.has([*self.model.terms, *self._past])
         return [_judge(self._moves, whole, t) for t in self.model.terms]
 
-    def replace(self, terms: Sequence[Term], why: str) -> "Answer":
-        """The answer without some terms; the most probable other one at its joint, if any, replaces each."""
-        refused = self._moves.refused | {t.key: why for t in terms}
-        moves = replace(self._moves, refused=refused)
-        model = self.model.has([t for t in self.model.terms if t not in terms]).rescale()
+    def replace(self, terms: Sequence[Term], why: str) -> "Answer | None":
+        """The answer with the most probable other term at its joint in the place of each of some terms.
+
+        A term without such a replacement stays in the model; None where all do.
+        """
+        moves = replace(self._moves, refused=self._moves.refused | {t.key: why for t in terms})
+        model = self.model
         for term in terms:
-            best, gain = moves.choose(model, moves.list_extensions(model, [term.joint])[:TOP], model)
+            rest = model.without(term)
+            best, gain = moves.choose(rest, moves.list_extensions(rest, [term.joint])[:TOP], rest)
             if best is not None:
                 moves.tell(f"{moves.name(term)} is replaced by {moves.name(best)}", gain)
-                model = moves.refine(model.extend(best), best).rescale()
-        return replace(self, model=model, _moves=moves)
+                model = moves.refine(rest.extend(best), best).rescale()
+        return None if model is self.model else replace(self, model=model, _moves=moves)
 
     @cached_property
     def _rest(self) -> tuple[dict[int, Left], dict[int, str]]:
