@@ -103,14 +103,18 @@ def test_a_true_delay_is_one_in_a_position_loop_too(record, pose, declared_model
 
 
 def test_another_name_takes_the_place_of_a_refused_one(record, pose):
-    answer = find_terms(pose(record(extra_torque=lag(everywhere=False), seed=1)), Policy())
-    (term,) = (t for t in answer.model.terms if t.effect.name == "presliding_hysteresis")
+    """A delay of a smooth torque acts like an inertia."""
+    answer = find_terms(pose(record([(0, "time_delay", {"delay": DELAY})], seed=1)), Policy())
+    (term,) = answer.model.terms
     other = answer.replace([term], "it is refused")
-    added = {t.key for t in other.model.terms} - {t.key for t in answer.model.terms}
-    assert {joint for _, joint, *_ in added} <= {0} and term.key not in {f.term.key for f in other.found}
-    table = other.candidates
-    rows = table[(table["effect"] == "presliding_hysteresis") & (table["joint"] == table["joint"].iloc[0])]
-    assert "it is refused" in set(rows["reason"]) and not rows.query("step == 1")["taken"].any()
+    assert [f.term.effect.name for f in other.found] == ["rotor_inertia_error"]
+    rows = other.candidates.query("effect == 'time_delay' and step == 1 and not taken")
+    assert "it is refused" in set(rows["reason"])
+
+
+def test_a_refused_name_stays_where_no_other_explains_its_torque(record, pose):
+    answer = find_terms(pose(record(extra_torque=lag(everywhere=False), seed=1)), Policy())
+    assert answer.model.terms and answer.replace(answer.model.terms, "it is refused") is None
 
 
 @pytest.mark.slow
