@@ -107,9 +107,9 @@ FORMS = {
 
 
 @pytest.mark.parametrize(("form", "width"), [("algebraic", 0.06), ("arctangent", 0.02)])
-@pytest.mark.parametrize("share", [0.0, 0.02])
+@pytest.mark.parametrize("share", [0.0, 0.03])
 def test_weak_viscous_friction_is_told_from_the_form_of_a_reversal(record, form, width, share):
-    """Errors of a reversal's width and form have most of what 1 % of Coulomb friction adds with speed."""
+    """Errors of a reversal's width and form have most of what 2 % of Coulomb friction adds with speed."""
     level, slope = TRUTH["coulomb"][1], TRUTH["viscous"][1]
 
     def change(t, q, v, a, rng):
