@@ -276,10 +276,14 @@ def conclude(
     start : Model, optional
         From whose terms the search goes on.
     """
-    answer, declared, proposed, determined = find_determined(find_terms(problem, policy, progress, start))
+    answer = find_terms(problem, policy, progress, start)
     # What is fitted, marked and told goes along the reversals that were found.
     problem, sigma = answer.problem, answer.sigma
     prepared = problem.prepared
+    declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
+    if any(term.is_measurement_error for term in declared.entries):
+        declared = refit(declared, declared.entries)
+    answer, proposed, determined = replace_undetermined(declared, answer)
     equivalent = [f.equivalent for f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
@@ -302,24 +306,18 @@ def conclude(
     )  # fmt: skip
 
 
-def find_determined(answer: Answer) -> tuple[Answer, Regression, Regression, list[Found]]:
-    """The answer, the models without and with its names, and the names that the runs determine.
+def replace_undetermined(declared: Regression, answer: Answer) -> tuple[Answer, Regression, list[Found]]:
+    """The answer, the declared model with its names, and the names that the runs determine.
 
     A name whose coefficients may be zero can stand in the place of another one, which is then tried.
     """
     while True:
-        problem = answer.problem
-        declared = fit_declared_model(
-            problem.prepared, problem.declared_terms, problem.inertial, problem.layout.blocks
-        )
-        if any(term.is_measurement_error for term in declared.entries):
-            declared = refit(declared, declared.entries)
         proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
         kept = {id(f.term) for f in determined}
         terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
         replaced = answer.replace(terms, "its coefficients may be zero")
         if replaced is None:
-            return answer, declared, proposed, determined
+            return answer, proposed, determined
         answer = replaced
 
 

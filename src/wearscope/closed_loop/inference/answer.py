@@ -17,7 +17,14 @@ from wearscope.closed_loop.inference.extensions import (
 )
 from wearscope.closed_loop.inference.gram import ROUNDING
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
-from wearscope.closed_loop.inference.moves import SURELY, TOP, Moves, list_alternatives, tell_odds
+from wearscope.closed_loop.inference.moves import (
+    SURELY,
+    TOP,
+    Moves,
+    is_complete,
+    list_alternatives,
+    tell_odds,
+)
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.score import Model, Score
@@ -108,7 +115,7 @@ class Answer:
         for term in terms:
             rest = model.without(term)
             best, gain = moves.choose(rest, moves.list_extensions(rest, [term.joint])[:TOP], rest)
-            if best is not None:
+            if best is not None and is_complete(rest):
                 moves.tell(f"{moves.name(term)} is replaced by {moves.name(best)}", gain)
                 model = moves.refine(rest.extend(best), best).rescale()
         return None if model is self.model else replace(self, model=model, _moves=moves)

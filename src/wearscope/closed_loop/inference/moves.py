@@ -250,8 +250,10 @@ class Moves:
         """Whether a term's parameters are believed in the whole model; a delay's away from reversals too."""
         if term.key in self.refused or not is_believable(made, term):
             return False
+        if not is_lag(term.effect):
+            return True
         speed = given.problem.at_rows("v")[:, term.joint]
-        if not is_lag(term.effect) or lags_away_from_reversals(given.fit, term, speed):
+        if lags_away_from_reversals(given.fit, term, speed):
             return True
         self.refused[term.key] = _NO_DELAY
         return False
