@@ -187,7 +187,7 @@ def _tell_body(after: Regression, link: int) -> tuple[str, bool]:
     less = high < 0.0 and not carries
     possible = link == n - 1 and not less and np.linalg.norm(values[1:]) <= reach * heaviest
     if weighed:
-        told = f"{values[0]:+.3g} kg ({low:+.3g} to {high:+.3g} where the URDF's masses are right)"
+        told = f"{values[0]:+.3g} kg ({low:+.3g} to {high:+.3g} if the URDF's other masses are right)"
     else:
         some = np.where(np.abs(values[1:]) < 1e-3 * np.abs(values[1:]).max(), 0.0, values[1:])
         told = f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in some)} kg m about the frame "
