@@ -298,6 +298,11 @@ def test_a_column_that_stands_twice_with_other_values_is_refused(tmp_path, refus
         (["motor_iq_1", "motor_iq_2"], "current", "motor_iq_1"),
         (["qd1", "qd2", "dq1", "dq2"], "velocity", "dq1"),
         (["qd1", "qd2"], "velocity", "qd1"),
+        (["jp1", "jp2", "jv1", "jv2"], "position", "jp1"),
+        (["jp1", "jp2", "jv1", "jv2"], "velocity", "jv1"),
+        (["Posición_1", "Posición_2", "Par_1 [Nm]", "Par_2 [Nm]"], "position", "Posición_1"),
+        (["Posición_1", "Posición_2", "Par_1 [Nm]", "Par_2 [Nm]"], "torque", "Par_1 [Nm]"),
+        (["Velocità_1", "Velocità_2", "Coppia_1", "Coppia_2"], "velocity", "Velocità_1"),
         (["ref_joint_1", "ref_joint_2", "fdb_joint_1", "fdb_joint_2"], "position", "fdb_joint_1"),
     ],
 )  # fmt: skip

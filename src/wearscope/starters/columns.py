@@ -6,6 +6,7 @@ and whether the values were measured or commanded.
 
 import fnmatch
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,13 +22,13 @@ KINDS = ("position", "velocity", "torque", "current", "temperature")
 #: Words in columns' names, English and others, that tell the kind of the signal.
 _WORDS = {
     "position": "q pos position positions angle angles ang theta phi winkel qpos encoder "
-    "encoders enc pulse pulses lage posicion th weg verfahrweg hub stroke travel displacement",
-    "velocity": "qd dq qp dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
-    "geschwindigkeit drehzahl vitesse velocidad",
+    "encoders enc pulse pulses lage posicion posizione jp th weg verfahrweg hub stroke travel displacement",
+    "velocity": "qd dq qp jv dtheta thd vel velo velocity velocities speed speeds spd omega qvel "
+    "geschwindigkeit drehzahl vitesse velocidad velocita",
     "acceleration": "qdd ddq acc accel acceleration accelerations",
     "torque": "tau torque torques torq tor trq tq frc effort efforts eff moment moments momenten mom "
-    "drehmoment couple force forces qfrc kraft",
-    "current": "i iq current currents curr cur amp amps ampere strom courant",
+    "drehmoment couple force forces qfrc kraft par coppia fuerza forza",
+    "current": "i iq current currents curr cur amp amps ampere strom courant corriente corrente",
     "temperature": "temp temperature temperatures temperatur",
 }
 #: Words that occur only in the columns of servos, by kind.
@@ -143,9 +144,10 @@ class Group:
 
 
 def split_name(name: str) -> list[str]:
-    """Split a column's name into words and numbers in small letters: ``actual_q_0`` -> actual, q, 0."""
-    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
-    words = re.findall(r"[a-zµäöü]+|\d+|%", spaced.lower())
+    """Split a column's name into words and numbers in small letters, without accents: ``Velocità_0``."""
+    plain = "".join(one for one in unicodedata.normalize("NFD", name) if not unicodedata.combining(one))
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain)
+    words = re.findall(r"[a-zµ]+|\d+|%", spaced.lower())
     return [part for word in words for part in _split_compound(word)]
 
 
