@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recorded_chain
 import yaml
 from changed_fields import changed_fields
 from click.testing import CliRunner
@@ -154,6 +155,14 @@ def test_another_zero_of_the_last_joint_is_told_with_its_rival(tmp_path):
     assert [float(one) for _, one in said] == pytest.approx([-0.8, np.pi], abs=0.04)
     (told,) = [line for line in bench.accept("--shift", f"q_j2={said[0][1]}") if "another zero" in line]
     assert told.startswith("perhaps q_j3") and "do not tell it from payload" in told
+
+
+@pytest.mark.parametrize("zero", [0.25, slow(-0.2)])
+def test_a_small_error_of_a_zero_is_told_with_its_size(tmp_path, zero):
+    bench = Bench(tmp_path, 3, 2.0, size=0.5)
+    bench.record(torque_of(2.0, 0.2, 0.3, noise=0.02), position=lambda q, k: q - [0.0, zero, 0.0])
+    ((name, size),) = re.findall(r"--shift (q_j\d)=(\S+?)[; ]", bench.refuse())
+    assert name == "q_j2" and float(size) == pytest.approx(zero, abs=0.03)
 
 
 @pytest.mark.parametrize(("coulomb", "viscous"), [(0.2, 0.3), (8.0, 4.0)])
@@ -389,6 +398,58 @@ def test_friction_that_builds_up_after_a_reversal_is_no_delay(tmp_path, n, way, 
         assert told is not None and float(told[1]) == pytest.approx(1000.0 * late, abs=4.0)
     else:
         assert "follow the motion" not in " ".join(bench.accept())
+
+
+def dwell(rng, t, n, size, frequencies):
+    """Moves between places, with a rest after each, as `recorded_chain.move` takes them."""
+    part, rest, parts = 1.2, 0.5, int(t[-1] / 1.7) + 1
+    places = size * rng.uniform(-2.0, 2.0, (parts + 1, n))
+    k = np.minimum((t / (part + rest)).astype(int), parts - 1)
+    s = np.clip((t - k * (part + rest)) / part, 0.0, 1.0)[:, None]
+    way = places[k + 1] - places[k]
+    q = places[k] + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    v = way / part * 30.0 * s**2 * (1.0 - s) ** 2
+    return q, v, way / part**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
+@pytest.mark.parametrize("viscous", [4.0, slow(8.0)])
+def test_a_delay_is_no_filter_where_joints_rest(tmp_path, monkeypatch, viscous):
+    """The torque is at rest later than the positions are; a coarse encoder makes the rests longer."""
+    monkeypatch.setattr(recorded_chain, "move", dwell)
+
+    def torque(q, v, a, rng, t):
+        own = yield_first(v, 1.0, 3e-4, 50.0) + viscous * v
+        return chain(q, v, a, 1.2, 0.3) + own + rng.normal(0, 0.05, v.shape)
+
+    bench = Bench(tmp_path, 2, 1.2, size=0.3, runs=4, seconds=20.0)
+    bench.record(shifted(torque, 0.08), position=lambda q, k: np.round(q / 3e-3) * 3e-3)
+    told = re.search(r"come (\S+) ms late", bench.refuse())
+    assert told is not None and float(told[1]) == pytest.approx(80.0, abs=6.0)
+
+
+def test_joints_that_move_in_turn_are_all_weighed(tmp_path, monkeypatch):
+    """A speed column of another unit is told, as one of all joints that move at once is."""
+    n = 6
+
+    def take_turns(rng, t, n, size, frequencies):
+        own = np.minimum(n * t / t[-1], n - 1).astype(int)[:, None] == np.arange(n)
+        way = t[-1] / n
+        s = (t[:, None] - np.arange(n) * way) / way
+        q, v, a = (size * x for x in move_there_and_back(np.clip(s, 0.0, 1.0), way))
+        return q, v * own, a * own
+
+    monkeypatch.setattr(recorded_chain, "move", take_turns)
+    bench = Bench(tmp_path, n, size=0.5, seconds=36.0).record(
+        torque_of(1.2, 0.3, 0.4, noise=0.02), speed=60.0
+    )
+    assert "column 'qd_j1' is 60 times the slope of 'q_j1'" in bench.refuse()
+
+
+def move_there_and_back(s, way):
+    """Position, speed and acceleration of a move to 1 and back, over the share s of the time `way` [s]."""
+    w = 2.0 * np.pi
+    q = 0.5 * (1.0 - np.cos(w * s))
+    return q, 0.5 * w / way * np.sin(w * s), 0.5 * (w / way) ** 2 * np.cos(w * s)
 
 
 def ripple(q, size):

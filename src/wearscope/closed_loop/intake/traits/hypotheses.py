@@ -75,12 +75,12 @@ def _name(rows: Rows, joints: np.ndarray | list[int], kind: str) -> list[str]:
 def refine(
     few: Weighing, make: Callable[[float], Reading], start: float, reach: tuple[float, float], hope: float
 ) -> Reading:
-    """Reading with its number refined within `reach`, if its first score at `start` is better than `hope`.
+    """Reading with its number refined within `reach`, if its first score at `start` is no worse than `hope`.
 
     Both scores are compared without the odds against the readings.
     """
     best = make(start)
-    if few.look(best) - best.nats < hope:
+    if few.look(best) - best.nats <= hope:
         found = optimize.minimize_scalar(
             lambda x: few.look(make(float(x))), bounds=reach, method="bounded", options={"maxiter": 10}
         )
@@ -458,7 +458,7 @@ def _propose_zeros(few: Weighing, r: Reading) -> Iterator[Reading]:
         def make(zero: float, j: int = j) -> Reading:
             return r.has("zero", FREE, zero=r.put("zero", [j], zero))
 
-        grid = 0.5 * _QUARTER * np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0])
+        grid = 0.5 * _QUARTER * np.arange(-3.0, 5.0)
         start = min(grid.tolist(), key=lambda zero: few.look(make(zero)))
         best = refine(few, make, start, (start - 0.4, start + 0.4), hope)
         quarter = _QUARTER * round(best.zero[j] / _QUARTER)

@@ -24,6 +24,8 @@ _QUIET, _MOST, _RESTS = 0.2, 0.5, 1e-2
 #: Distances over which friction builds up after a reversal (presliding), as shares of the joint's reach, and
 #: their least value [rad or m].
 _YIELDS, _LEAST_WAY = (0.0003, 0.003), 1e-12
+#: Step [s] of the delays that are undone before rests are bridged; the rest of a delay is undone afterwards.
+_STEP = 0.02
 #: Number of neighbouring rows in a block of residuals.
 _BLOCK = 8
 _MOTION = ("q", "v", "a", "sign", "sharp", "late", "slow", "jerk", "snap")
@@ -99,9 +101,14 @@ class Rows:
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def thin(self, most: int) -> "Rows":
-        """Fewer rows for a first look: about `most` of the doubted runs, and as many of all others."""
-        parts = [np.flatnonzero(self.doubted), np.flatnonzero(~self.doubted)]
-        return self.pick(np.sort(np.concatenate([one[:: max(1, len(one) // most)] for one in parts])))
+        """Fewer rows for a first look: about `most` of the doubted runs, and as many of all others.
+
+        Each joint that is tested keeps rows that count for it.
+        """
+        each = max(LEAST_ROWS, most // len(self.tested))
+        every = self.counts[:, self.tested].T
+        parts = [np.flatnonzero(at & own) for at in (self.doubted, ~self.doubted) for own in every]
+        return self.pick(np.unique(np.concatenate([one[:: max(1, len(one) // each)] for one in parts])))
 
     @property
     def n(self) -> int:
@@ -148,8 +155,20 @@ class Rows:
         return JoinedBlocks(starts, self.run[starts])
 
     @cached_property
-    def _splines(self) -> list[interpolate.CubicSpline]:
-        return [interpolate.CubicSpline(run.t, run.measured) for run in self.prepared.runs]
+    def _splines(self) -> dict[tuple[int, float], interpolate.CubicSpline]:
+        return {}
+
+    def _move_torque(self, k: int, delay: float) -> interpolate.CubicSpline:
+        """Measured torque of run `k` over the time less a delay, which is undone before rests are bridged.
+
+        A late torque is at rest later than the positions are.
+        """
+        if (k, delay) not in self._splines:
+            run = self.prepared.runs[k]
+            t = run.signals.t
+            late = interpolate.CubicSpline(t, run.tau)(np.clip(t + delay, t[0], t[-1])) if delay else run.tau
+            self._splines[k, delay] = interpolate.CubicSpline(run.t, run.reduce_torque(late))
+        return self._splines[k, delay]
 
     def joint_of(self, reading: Reading) -> np.ndarray:
         """Joint (n,) to which each column that `torque` returns belongs."""
@@ -168,8 +187,12 @@ class Rows:
         """
         out, lag, delay = self.tau.copy(), reading.lag, self.delay_of(reading)
         for k in np.unique(self.run).tolist() if reading.delay or lag else ():
-            at, spline = self.run == k, self._splines[k]
-            t = np.clip((self.t + delay)[at], spline.x[0], spline.x[-1])
+            at = self.run == k
+            most = (
+                _STEP * round(float(np.median(delay[at])) / _STEP) if self.prepared.runs[k].bridges else 0.0
+            )
+            spline = self._move_torque(k, most)
+            t = np.clip((self.t + delay)[at] - most, spline.x[0], spline.x[-1])
             out[at] = spline(t) + (lag * spline(t, 1) if lag else 0.0)
         crossed = sorted(reading.crossed)
         out[:, crossed] = self.q[:, crossed]
