@@ -151,3 +151,10 @@ def test_a_slide_may_have_words_of_its_own():
     columns = ["Zeit [s]", "Winkel_A1 [°]", "Weg_Z [mm]", "Moment_A1 [Nm]", "Kraft_Z [N]"]
     found = [find_groups(columns, ["A1", "Z"], kind)[0].columns for kind in ("position", "torque")]
     assert found == [tuple(columns[1:3]), tuple(columns[3:])]
+
+
+@pytest.mark.parametrize(("place", "told"), [(0.7, True), (0.0, False)])
+def test_a_joint_that_is_left_out_away_from_zero_is_told(tmp_path, place, told):
+    bench = Bench(tmp_path, 2).record(LOAD, position=lambda q, k: q * [1.0, 0.0] + [0.0, place])
+    said = " ".join(bench.take("--joints", "j1").output.split())
+    assert (f"j2: locked at 0, but column 'q2' goes from {place:g} to {place:g} in run0.csv" in said) == told

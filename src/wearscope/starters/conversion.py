@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,9 @@ from wearscope.starters.units import (
     unwrap_counts,
     unwrap_positions,
 )
+
+#: Recorded position from which on a joint that is locked at 0 is told, in the column's unit.
+_AWAY = 0.02
 
 
 @dataclass
@@ -95,6 +98,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     read = _split_restarts(opening, mapped)
     if not mapped.joints and "position" not in mapped.patterns:
         joints = _choose_joints(urdf, joints, read, notes)
+    notes += _tell_left_out(joints, mapped.movable, read)
     ordered = [known[name] for name in joints]
     prismatic = [joint.kind == "prismatic" for joint in ordered]
     mapped = replace(mapped, position_units=choose_units(read, ordered, mapped))
@@ -169,6 +173,27 @@ def _choose_joints(
     raise InputError(
         f"{file}: has {told}, and {urdf.name} moves {', '.join(joints)}; give --joints {','.join(given)}."
     )
+
+
+def _tell_left_out(
+    joints: Sequence[str], movable: Sequence[str], read: Sequence[tuple[Path, Path, pd.DataFrame, Any]]
+) -> list[str]:
+    """Return a note on each joint that is locked at 0 although its recorded position is another one."""
+    notes = {}
+    for joint, (_, part, frame, _) in product(movable, read):
+        with_it = [one for one in movable if one == joint or one in joints]
+        groups = find_groups([str(one) for one in frame], with_it, "position", movable)
+        if joint in joints or joint in notes or not groups:
+            continue
+        column = groups[0].columns[with_it.index(joint)]
+        x = pd.to_numeric(frame[column], errors="coerce")
+        if x.abs().max() > _AWAY:
+            notes[joint] = (
+                f"{joint}: locked at 0, but column '{column}' goes from {x.min():.4g} to {x.max():.4g} in "
+                f"{part.name}; the torques hold what this changes. Record the joint at rest, and write its "
+                f'position [rad or m] as "locked: {{{joint}: ...}}" below robot in dataset.yaml.'
+            )
+    return list(notes.values())
 
 
 def _list_behind(urdf: Path, joint: str) -> set[str]:
