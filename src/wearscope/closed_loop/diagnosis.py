@@ -315,9 +315,10 @@ def replace_undetermined(declared: Regression, answer: Answer) -> tuple[Answer, 
         proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
         kept = {id(f.term) for f in determined}
         terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
-        replaced = answer.replace(terms, "its coefficients may be zero")
+        why = "its coefficients may be zero"
+        replaced = answer.replace(terms, why)
         if replaced is None:
-            return answer, proposed, determined
+            return answer.without(terms, why), proposed, determined
         answer = replaced
 
 

@@ -102,13 +102,14 @@ def test_a_true_delay_is_one_in_a_position_loop_too(record, pose, declared_model
     assert ("time_delay", 0) in name_terms(folder)
 
 
-def test_another_name_takes_the_place_of_a_refused_one(record, pose):
-    """A delay of a smooth torque acts like an inertia."""
+def test_a_name_that_imitates_a_refused_one_does_not_take_its_place(record, pose):
+    """An inertia removes a seventh of a delay's torque; the delay would remove most of what it leaves."""
     answer = find_terms(pose(record([(0, "time_delay", {"delay": DELAY})], seed=1)), Policy())
     (term,) = answer.model.terms
-    other = answer.replace([term], "it is refused")
-    assert [f.term.effect.name for f in other.found] == ["rotor_inertia_error"]
-    rows = other.candidates.query("effect == 'time_delay' and step == 1 and not taken")
+    assert answer.replace([term], "it is refused") is None
+    bare = answer.without([term], "it is refused")
+    assert not bare.model.terms and "time_delay would remove" in bare.suspected[0]
+    rows = bare.candidates.query("effect == 'time_delay' and step == 1 and not taken")
     assert "it is refused" in set(rows["reason"])
 
 

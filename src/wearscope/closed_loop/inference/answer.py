@@ -108,17 +108,28 @@ class Answer:
     def replace(self, terms: Sequence[Term], why: str) -> "Answer | None":
         """The answer with the most probable other term at its joint in the place of each of some terms.
 
-        A term without such a replacement stays in the model; None where all do.
+        A replacement only imitates a term that removes a larger share of what it leaves than it removes
+        itself. A term without a replacement stays in the model; None where all do.
         """
         moves = replace(self._moves, refused=self._moves.refused | {t.key: why for t in terms})
         model = self.model
         for term in terms:
             rest = model.without(term)
             best, gain = moves.choose(rest, moves.list_extensions(rest, [term.joint])[:TOP], rest)
-            if best is not None and is_complete(rest):
+            if best is None or not is_complete(rest):
+                continue
+            made = moves.refine(rest.extend(best), best)
+            joints = term.candidate.joints
+            if _share(made, model, joints) < _share(rest, made, joints):
                 moves.tell(f"{moves.name(term)} is replaced by {moves.name(best)}", gain)
-                model = moves.refine(rest.extend(best), best).rescale()
+                model = made.rescale()
         return None if model is self.model else replace(self, model=model, _moves=moves)
+
+    def without(self, terms: Sequence[Term], why: str) -> "Answer":
+        """The answer whose model lacks some terms; what they explain is then told as left."""
+        moves = replace(self._moves, refused=self._moves.refused | {t.key: why for t in terms})
+        rest = self.model.has([t for t in self.model.terms if t not in terms]).rescale()
+        return replace(self, model=rest, _moves=moves) if terms else self
 
     @cached_property
     def _rest(self) -> tuple[dict[int, Left], dict[int, str]]:
