@@ -12,7 +12,6 @@ from wearscope.closed_loop.intake.dataset import Dataset
 from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.estimation import Estimate
 from wearscope.closed_loop.model.events import suggest_thresholds
-from wearscope.closed_loop.model.inertials import name_far_links
 from wearscope.closed_loop.model.prediction import (
     Predicted,
     bootstrap_rms,
@@ -25,8 +24,6 @@ from wearscope.effects.viscous import EFFECT as VISCOUS
 from wearscope.storage.provenance import name_version
 
 _SEED = 7
-#: A link is far from its description from this many prior standard deviations on.
-_FAR = 3.0
 
 
 def _number(value: float) -> float | None:
@@ -71,7 +68,6 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
     runs = [p.run for p in diagnosis.predicted]
     left = [p.run.measured - p.after for p in diagnosis.predicted]
     entries.sort(key=lambda entry: entry["status"] != "refuted")
-    far = list_far_links(diagnosis)
     return {
         "dataset": prepared.dataset.name,
         "dataset_digest": prepared.dataset.digest,
@@ -84,7 +80,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         "collision_thresholds": suggest_thresholds(runs, left, diagnosis.events, joints),
         "torque": prepared.torque_readings,
         "torque_factors": prepared.torque_factors,
-        "far_links": [joint for joint, _ in far],
+        "far_links": diagnosis.far_links[0],
         "rule": diagnosis.policy.model_dump(),
         "version": name_version(),
         "joints": summarise_joints(
@@ -92,7 +88,7 @@ def make_verdict(diagnosis: Outcome) -> dict[str, Any]:
         ),
         "servos": list_speed_torques(prepared.dataset, diagnosis.estimates["after"]),
         "band": {"motion_hz": prepared.band.motion, "torque_hz": prepared.band.torque},
-        "notes": prepared.notes + diagnosis.notes + [told for _, told in far],
+        "notes": prepared.notes + diagnosis.notes,
     }
 
 
@@ -105,14 +101,6 @@ def tell_common_delay(diagnosis: Outcome) -> dict[str, Any] | None:
         return None
     named = diagnosis.late[0].term.effect.name
     return {"effect": named, "seconds": delays.pop(), "joints": [dataset.joints[j] for j in late]}
-
-
-def list_far_links(diagnosis: Outcome) -> list[tuple[str, str]]:
-    """Joints whose links the refit put far from the URDF, each with a sentence; none where it is trusted."""
-    if not diagnosis.after.inertial:
-        return []
-    deviations = diagnosis.after.solve()[: 10 * diagnosis.prepared.n]
-    return name_far_links(diagnosis.prepared, deviations, _FAR)
 
 
 def summarise_joints(

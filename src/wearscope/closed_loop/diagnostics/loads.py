@@ -24,6 +24,10 @@ _ALIKE = 0.9
 _USUAL = 0.1
 #: How a note on refitted masses begins.
 MASSES = "The refitted masses"
+#: What refitted masses may come from.
+_CAUSES = (
+    "Masses of the URDF are off, or a load, balancer, drive's inertia or torque constant is not as declared."
+)
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
 #: Least singular value of a run's load columns that counts, over the largest one.
@@ -113,8 +117,10 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
     ]
 
 
-def tell_masses(after: Regression) -> list[str]:
-    """A sentence where masses were refitted unusually far: as a payload, as one link's, or as several links'.
+def tell_masses(after: Regression) -> tuple[list[str], str]:
+    """Joints whose links were refitted unusually far, and a sentence; both empty where there are none.
+
+    The links act as a payload, as one link, or as several.
 
     Parameters
     ----------
@@ -124,34 +130,34 @@ def tell_masses(after: Regression) -> list[str]:
     prepared, n = after.prepared, after.prepared.n
     held = any(term.effect.spread and not term.is_deflection for term in after.entries)
     if not after.inertial or held:
-        return []
+        return [], ""
     joints, runs = prepared.dataset.joints, prepared.runs_for("train")
     stated = np.linalg.norm(np.concatenate([run.reduce(run.known) for run in runs]), axis=0)
     added = np.concatenate(after.columns)[..., : 10 * n] @ after.solve()[: 10 * n]
     change = np.linalg.norm(added, axis=0) / np.maximum(stated, 1e-300)
-    if not np.any(change > _USUAL):
-        return []
+    far = np.flatnonzero(change > _USUAL).tolist()
+    if not far:
+        return [], ""
     shares = _share_links(after)
     alike = [int(k) for k in np.argsort(-shares) if shares[k] >= _ALIKE]
     if not alike:
-        far = ", ".join(f"{joints[j]} {100 * change[j]:.0f} %" for j in np.flatnonzero(change > _USUAL))
-        return [
+        sizes = ", ".join(f"{joints[j]} {100 * change[j]:.0f} %" for j in far)
+        return [joints[j] for j in far], (
             f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
-            f"link explains that: {far}. Masses of the URDF are off, or a load, balancer or drive's inertia "
-            "is not declared."
-        ]
+            f"link explains that: {sizes}. {_CAUSES}"
+        )
     told, of_payload = _tell_body(after, alike[0])
     removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
     if of_payload:
-        return [
+        return [joints[alike[0]]], (
             f"{MASSES} act as a payload of {told} in addition to the stated one: {removes}. State it, if the "
-            "machine carries it; otherwise the last links are off by as much, or a balancer carries them."
-        ]
-    where = " or ".join(joints[k] for k in alike)
-    return [
-        f"{MASSES} act as a change of the link that {where} moves, of {told}: {removes}. Correct the URDF, "
-        "or add to it what is fixed to that link."
-    ]
+            f"machine carries it. Otherwise: {_CAUSES}"
+        )
+    links = [joints[k] for k in alike]
+    return links, (
+        f"{MASSES} act as a change of the link that {' or '.join(links)} moves, of {told}: {removes}. "
+        f"{_CAUSES}"
+    )
 
 
 def _share_links(after: Regression) -> np.ndarray:

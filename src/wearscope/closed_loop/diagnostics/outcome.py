@@ -136,13 +136,18 @@ class Outcome:
         return [s if s.reason else replace(s, reason=suspected.get(s.joint, "")) for s in states]
 
     @cached_property
+    def far_links(self) -> tuple[list[str], str]:
+        """Joints whose links were refitted far from the URDF, and a sentence; both empty without any."""
+        return tell_masses(self.after)
+
+    @cached_property
     def notes(self) -> list[str]:
         """Sentences on loads, limits, names that are too uncertain, and impossible parameters."""
         joints, here = self.prepared.dataset.joints, [a.term for a in self.attributions if a.kept]
         notes = tell_loads(self.prepared, self.predicted, self.after) + tell_limits(
             self.answer.limits, joints
         )
-        notes += tell_other_loads(self.after, here) + tell_masses(self.after)
+        notes += tell_other_loads(self.after, here) + list(filter(None, [self.far_links[1]]))
         notes += [f"{joints[j]}: {told}." for j, told in self.answer.suspected.items()]
         notes += [one.describe(joints) for one in self.impossible]
         return notes + [

@@ -5,7 +5,7 @@ from scipy import optimize
 from scipy.linalg import block_diag
 
 from wearscope.closed_loop.intake.prepared import Prepared
-from wearscope.effects.base import Effect, InertialEffect, PayloadEffect, load_effect
+from wearscope.effects.base import Effect, InertialEffect, PayloadEffect
 from wearscope.robots.spatial import pseudo_inertia
 
 #: Usual error of an inertial parameter, as a share of its link's own scale.
@@ -25,33 +25,6 @@ def inertial_scale(prepared: Prepared) -> np.ndarray:
     lever = np.sqrt(np.maximum(trace / mass, 1e-4))
     scale = np.column_stack([mass] + [mass * lever] * 3 + [mass * lever**2] * 6)
     return USUAL_ERROR * scale.ravel()
-
-
-def name_far_links(prepared: Prepared, deviations: np.ndarray, errors: float) -> list[tuple[str, str]]:
-    """Each joint whose link's refitted inertials are far from the URDF's, and a sentence.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    deviations : ndarray (10 n,)
-        Deviations of the refitted inertial parameters from the URDF's.
-    errors : float
-        Prior standard deviations beyond which a parameter is far off.
-    """
-    parameters = load_effect("payload_error").coefficients
-    off = deviations.reshape(-1, 10)
-    far = np.abs(off) > errors * inertial_scale(prepared).reshape(-1, 10)
-    found = []
-    for joint, own, beyond in zip(prepared.dataset.joints, off, far, strict=True):
-        changes = [f"{parameters[k].name} {own[k]:+.3g} {parameters[k].unit}" for k in np.flatnonzero(beyond)]
-        if changes:
-            told = (
-                f"the link that {joint} moves was refitted far from the URDF ({', '.join(changes)}: more "
-                f"than {errors:g} times {100 * USUAL_ERROR:g} % of its own scale); a load, balancer or "
-                "drive's inertia that is not declared may cause it."
-            )
-            found.append((joint, told))
-    return found
 
 
 def inertial_penalty(prepared: Prepared) -> np.ndarray:
