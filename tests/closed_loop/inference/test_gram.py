@@ -67,6 +67,21 @@ def test_a_term_more_gives_the_fit_of_all_terms(model):
         assert extension.gain == pytest.approx(removed, rel=1e-4, abs=1e-6)
 
 
+def test_products_that_are_taken_over_give_the_fit_of_all_terms(model):
+    further = list_extensions(model, [0, 1])[0].term
+    others = [
+        *(model.without(term) for term in model.terms),
+        model.has([further, *model.terms[::-1]]),
+        model.has(model.terms, sigma=2.0 * model.sigma),
+    ]
+    for other in others:
+        whole = Fit(model.problem.gram, other.fit.terms, other.sigma)
+        np.testing.assert_allclose(other.fit.theta, whole.theta, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(other.fit.held_out, whole.held_out, rtol=1e-8)
+        for j in range(2):
+            np.testing.assert_allclose(other.fit.predict(j), whole.predict(j), rtol=1e-6, atol=1e-9)
+
+
 def test_pairs_are_ranked_by_what_they_gain_beyond_each_alone(model):
     extensions = list_extensions(model, [0, 1])
     alone, more = {o.term: o.gain for o in extensions}, []

@@ -7,7 +7,7 @@ and `Fit` puts a model's together.
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -116,31 +116,60 @@ class Fit:
     sigma : ndarray (n,)
         Residual scale by joint, whose inverse square weighs the rows.
     base : Fit, optional
-        Fit of the same terms without the last one, from which this one is made.
+        Fit of the same terms without the last one, from which this one is solved.
+    like : Fit, optional
+        Fit on the same columns, whose products are taken over; the base by default.
     """
 
     def __init__(
-        self, gram: Gram, terms: Sequence[Term], sigma: np.ndarray, base: "Fit | None" = None
+        self,
+        gram: Gram,
+        terms: Sequence[Term],
+        sigma: np.ndarray,
+        base: "Fit | None" = None,
+        like: "Fit | None" = None,
     ) -> None:
         self.gram, self.terms, self.sigma, self.base = gram, tuple(terms), sigma, base
         self.weight = 1.0 / sigma**2
         n, units = gram.target.shape[1], gram.layout.units.count
-        self.p: int = 0 if base is None else base.p
-        self.spans: list[slice] = [] if base is None else list(base.spans)
-        self.at: list[np.ndarray] = [np.zeros(0, dtype=int)] * n if base is None else list(base.at)
-        self._felt: list[list[int]] = [list(k) for k in ([[]] * n if base is None else base._felt)]
-        none = np.zeros((units, 0, 0)), np.zeros((units, 0))
-        self._grams: list[np.ndarray] = [none[0]] * n if base is None else list(base._grams)
-        self._scores: list[np.ndarray] = [none[1]] * n if base is None else list(base._scores)
-        new = self.terms if base is None else self.terms[-1:]
-        for k, term in enumerate(new, start=len(self.terms) - len(new)):
-            span = slice(self.p, self.p + len(term.subset))
-            self.spans.append(span)
-            self.p = span.stop
+        self.p = 0
+        self.spans: list[slice] = []
+        self.at = [np.zeros(0, dtype=int)] * n
+        self._felt: list[list[int]] = [[] for _ in range(n)]
+        self._grams = [np.zeros((units, 0, 0))] * n
+        self._scores = [np.zeros((units, 0))] * n
+        other = base if like is None else like
+        known = 0 if other is None else self._take_over(other)
+        for k, term in enumerate(self.terms[known:], start=known):
+            span = self._place(term)
             for j in term.candidate.joints:
                 self._grams[j], self._scores[j] = self._extend(j, term)
                 self.at[j] = np.concatenate([self.at[j], np.arange(span.start, span.stop)])
                 self._felt[j].append(k)
+
+    def _place(self, term: Term) -> slice:
+        """Place of a further term's parameters."""
+        self.spans.append(slice(self.p, self.p + len(term.subset)))
+        self.p = self.spans[-1].stop
+        return self.spans[-1]
+
+    def _take_over(self, other: "Fit") -> int:
+        """Take over another fit's products of the first terms, and return the number of these."""
+        places = dict(zip(other.terms, other.spans, strict=True))
+        known = list(takewhile(places.__contains__, self.terms))
+        index = np.full(other.p, -1)
+        for term in known:
+            span = self._place(term)
+            index[places[term]] = np.arange(span.start, span.stop)
+        for j, at in enumerate(other.at):
+            own = index[at] >= 0
+            every = bool(own.all())
+            self._grams[j] = other._grams[j] if every else other._grams[j][:, own][..., own]
+            self._scores[j] = other._scores[j] if every else other._scores[j][:, own]
+            self.at[j] = index[at[own]]
+            felt = [other.terms[k] for k in other._felt[j]]
+            self._felt[j] = [known.index(term) for term in felt if term in known]
+        return len(known)
 
     def _extend(self, joint: int, term: Term) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix (U, k, k) and right side (U, k) of a joint with a term more, not weighed."""
@@ -258,24 +287,24 @@ class Fit:
         mean = float(self.gram.column_sums(term.candidate, term.joint)[term.columns] @ beta)
         return mean**2 / max(square * float(self.gram.count[term.joint]), 1e-300)
 
-    def _measure(self, joint: int, units: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Sums of squares (F,) that parameters (F, P) leave at a joint on units (F, U)."""
-        own = theta[:, self.at[joint]]
-        gram = np.tensordot(units, self._grams[joint], 1)
-        left = units @ self.gram.power[:, joint] - 2.0 * ((units @ self._scores[joint]) * own).sum(axis=1)
-        return np.asarray(np.maximum(left + ((gram @ own[..., None])[..., 0] * own).sum(axis=1), 0.0))
+    def _lose(self, joint: int, theta: np.ndarray) -> np.ndarray:
+        """Sum of squares (U,) that parameters (U, P), or (P,), leave of each unit at a joint."""
+        own = theta[..., self.at[joint]]
+        onto = (self._grams[joint] @ own[..., None])[..., 0] - 2.0 * self._scores[joint]
+        return np.asarray(self.gram.power[:, joint] + (onto * own).sum(axis=1))
 
     @cached_property
     def fitted(self) -> np.ndarray:
         """Sum of squares (n,) that the model leaves of all rows."""
-        ones = np.ones((1, self.gram.layout.units.count))
-        return np.array([self._measure(j, ones, self.theta[None])[0] for j in range(len(self.at))])
+        return np.array([max(self._lose(j, self.theta).sum(), 0.0) for j in range(len(self.at))])
 
     @cached_property
     def by_fold(self) -> np.ndarray:
         """Sum of squares (n, F) that the model leaves in the held-out rows of each fold."""
         test = self.gram.layout.units.test
-        return np.array([self._measure(j, test, self.solved[1][1:]) for j in range(len(self.at))])
+        # Rows that no fold holds out are not counted.
+        theta = self.solved[1][1 + test.argmax(axis=0)]
+        return np.array([np.maximum(test @ self._lose(j, theta), 0.0) for j in range(len(self.at))])
 
     @cached_property
     def held_out(self) -> np.ndarray:
@@ -399,22 +428,33 @@ class Fit:
         subset : sequence of int
             Coefficients in use.
         """
-        shapes, m = len(candidate.shapes), candidate.count
-        pick = list(subset)
-        cross, score = (x.reshape(shapes, m, *x.shape[1:])[:, pick] for x in self._multiply(candidate))
-        own = np.zeros((shapes, len(pick), len(pick)))
-        for j in candidate.joints:
-            own += self.weight[j] * self.gram.own(candidate, j).sum(axis=0)[:, pick][..., pick]
-        power = np.einsum("smm->sm", own)
-        if candidate.penalty is not None:
-            own = own + candidate.penalty[np.ix_(pick, pick)] / self._scale_of(candidate)
-        inverse, theta = self.solved[0][0], self.theta
-        inner = own - cross @ inverse @ cross.swapaxes(1, 2)
-        inner = 0.5 * (inner + inner.swapaxes(1, 2))
-        np.einsum("smm->sm", inner)[...] += ROUNDING * power + 1e-300
-        reduced = score - cross @ theta
-        beta = np.linalg.solve(inner, reduced[..., None])[..., 0]
-        return Added(beta, (reduced * beta).sum(axis=1), inner, own)
+        inner, reduced, own = self._project_candidate(candidate)
+        pick = np.array(subset)
+        inner, own = (x[:, pick[:, None], pick] for x in (inner, own))
+        beta = np.linalg.solve(inner, reduced[:, pick, None])[..., 0]
+        return Added(beta, (reduced[:, pick] * beta).sum(axis=1), inner, own)
+
+    def _project_candidate(self, candidate: Candidate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Projected normal matrices (S, m, m) and right sides (S, m) by shape, and the former as is."""
+        if candidate not in self._projected:
+            shapes, m = len(candidate.shapes), candidate.count
+            cross, score = (x.reshape(shapes, m, *x.shape[1:]) for x in self._multiply(candidate))
+            own = np.zeros((shapes, m, m))
+            for j in candidate.joints:
+                own += self.weight[j] * self.gram.own(candidate, j).sum(axis=0)
+            power = np.einsum("smm->sm", own)
+            if candidate.penalty is not None:
+                own = own + candidate.penalty / self._scale_of(candidate)
+            inverse, theta = self.solved[0][0], self.theta
+            inner = own - cross @ inverse @ cross.swapaxes(1, 2)
+            inner = 0.5 * (inner + inner.swapaxes(1, 2))
+            np.einsum("smm->sm", inner)[...] += ROUNDING * power + 1e-300
+            self._projected[candidate] = inner, score - cross @ theta, own
+        return self._projected[candidate]
+
+    @cached_property
+    def _projected(self) -> WeakKeyDictionary[Candidate, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        return WeakKeyDictionary()
 
 
 class Added:

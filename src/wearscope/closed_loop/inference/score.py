@@ -75,9 +75,12 @@ class Model:
         """Number of terms that a drift resembles, each by the share of its torque."""
         return sum(_resembles_drift(self.fit, term) for term in self.terms)
 
-    def has(self, terms: Sequence[Term]) -> "Model":
-        """The model with other terms."""
-        return Model(self.problem, tuple(terms), self.sigma)
+    def has(self, terms: Sequence[Term], sigma: np.ndarray | None = None) -> "Model":
+        """The model with other terms, or another residual scale; products of common terms are taken over."""
+        made = Model(self.problem, tuple(terms), self.sigma if sigma is None else sigma)
+        every = (*self.problem.base, *made.terms)
+        made.__dict__["fit"] = Fit(self.problem.gram, every, made.sigma, like=self.fit)
+        return made
 
     def extend(self, term: Term) -> "Model":
         """The model with one more term."""
@@ -89,7 +92,7 @@ class Model:
 
     def rescale(self) -> "Model":
         """The model weighed by its own residuals."""
-        return Model(self.problem, self.terms, self.fit.settle_scale())
+        return self.has(self.terms, self.fit.settle_scale())
 
 
 @dataclass(frozen=True)
