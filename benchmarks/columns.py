@@ -224,7 +224,7 @@ def clip(folder, rng):
 
 
 GRAVITY = ("without_gravity tau", "gravity was taken out")
-ZERO = ("zero q_{largest}", "q_{largest} counts from another zero")
+ZERO = ("zero q_{largest}", "q_{largest} counts from another zero", "its positions have another zero")
 
 #: Fault: how it is made and of what, codes or words of which one tells it, and whether taking it says nothing
 #: wrong: the reading changes no number, or the loop has a name for it.

@@ -23,14 +23,17 @@ def test_a_sign_and_a_zero_are_told_in_one_sentence_and_taken(tmp_path, n, joint
     bench.accept("--turn", turn[1], "--shift", f"q_j{shift[1]}={shift[2]}")
 
 
-def test_a_mount_and_a_zero_of_a_planar_arm_are_told_as_alike(tmp_path):
+@pytest.mark.parametrize(("n", "turned"), [(2, 0), (3, 2)], ids=["alone", "2 of 3"])
+def test_a_mount_and_a_zero_of_a_planar_arm_are_told_as_alike(tmp_path, n, turned):
     """The first joint's zero turns all of the arm about gravity, as the mount does."""
-    bench = Bench(tmp_path, 2, 2.0, size=0.5)
-    bench.record(torque_of(2.0, 0.2, 0.3, noise=0.02), position=lambda q, k: q - [1.5708, 0.0])
+    bench, joints = Bench(tmp_path, n, 2.0, size=0.5), np.arange(1, n + 1)
+    torque = torque_of(2.0, 0.2, 0.3, noise=0.02, times=np.where(joints == turned, -1.0, 1.0))
+    bench.record(torque, position=lambda q, k: q - 1.5708 * (joints == 1))
     said = bench.refuse()
     assert "which these motions do not tell from it" in said
     assert "give --shift q_j1=1.571" in said and "give --gravity -9.81,0,0" in said
-    bench.accept("--shift", "q_j1=1.571")
+    assert re.findall(r"give --turn (\S+);", said) == ([f"tau_j{turned}"] if turned else [])
+    bench.accept("--shift", "q_j1=1.571", *(["--turn", f"tau_j{turned}"] if turned else []))
     codes = re.findall(r"--accept '([^']*)'", said)
     assert {"zero q_j1", "sign gravity"} <= set(codes)
 

@@ -14,7 +14,7 @@ from wearscope.closed_loop.intake.traits.score import GAINS, PAYLOAD, Model, Wei
 #: Odds against a trait, 100 to 1, and further odds that a refusal needs [nats].
 ODDS, REFUSE = float(np.log(100.0)), 10.0
 #: Rows of a first look; numbers of readings that are scored with all rows, and to which traits are added.
-_FEW, _BEAM, _FRONT = 160, 4, 2
+_FEW, _BEAM, _FRONT = 160, 4, 3
 #: Rounds of further traits; unexplained share of a torque's variance above which a run is doubted.
 _ROUNDS, MUCH = 2, 0.1
 #: A torque is explained up to the first unexplained share of its variance, or up to the second number times
@@ -93,27 +93,30 @@ def weigh(rows: Rows, accepted: frozenset[str] = frozenset()) -> Weighed:
         found = [
             one for start in front for trait in TRAITS for one in _list_readings(few, trait, start, accepted)
         ]
-        ranked = sorted(dict.fromkeys(found), key=lambda one: round(few.look(one)))[:_BEAM]
-        ranked = [one for one in ranked if few.look(one) < few.look(ranked[0]) + _APART]
+        likeliest = sorted(dict.fromkeys(found), key=lambda one: round(few.look(one)))[:_BEAM]
+        ranked = [one for one in likeliest if few.look(one) < few.look(likeliest[0]) + _APART]
         models = [whole.fit(one).climb() for one in ranked]
         pool += models
         # Readings are compared with each other, as the number of independent rows differs by pair. Of equally
         # good ones, the one that is proposed first is taken.
         further = reduce(lambda one, other: other if other.over(one) > GAINS else one, models or [best])
-        if further.over(best) > (0.0 if best is stated else NOTE):
-            best = further
-        elif best is not stated:
+        gains = further.over(best) > (0.0 if best is stated else NOTE)
+        best = further if gains else best
+        much = bool(best.held.max() >= MUCH)
+        if not (gains or much):
             break
         # Two traits may improve the fit only together. Where much is unexplained, the likeliest readings are
-        # followed although they do not improve it.
-        front = ranked[:_FRONT] if best is stated else [best.reading]
-        if best is stated and stated.held.max() < MUCH:
-            break
+        # followed although they do not improve it. A further trait is added to each of equally good readings.
+        equal = [best.reading, *(tie.reading for tie in _list_ties(best, pool))]
+        front = (likeliest if much else equal)[:_FRONT]
+    return Weighed(stated, best, _list_ties(best, pool))
+
+
+def _list_ties(best: Model, pool: list[Model]) -> list[Model]:
+    """Readings that explain the torques as well as the best one, with as many traits (at least one)."""
     traits = max(1, len(best.reading.traits))
-    ties = [
-        one for one in pool if one is not best and len(one.reading.traits) == traits and best.over(one) < NOTE
-    ]
-    return Weighed(stated, best, ties)
+    alike = (one for one in pool if one is not best and len(one.reading.traits) == traits)
+    return [one for one in alike if best.over(one) < NOTE]
 
 
 def _find_loaded(model: Model) -> np.ndarray | None:
