@@ -70,6 +70,8 @@ def score_parameter(entry: dict[str, Any], truth: dict[str, Any]) -> dict[str, f
     """Relative error and coverage of the planted main parameter, NaN where the verdict does not state it.
 
     A verdict's parameter is compared only where its name is known for the same quantity and its unit agrees.
+    A plant of another form than the vocabulary's has two values: its own, and that of the usual form that
+    fits it best. An interval that reaches the range between them is right.
     """
     out = {"parameter_error": np.nan, "covered": np.nan}
     for own, aliases in SHARED_PARAMETERS.get(truth["effect"], {}).items():
@@ -77,13 +79,14 @@ def score_parameter(entry: dict[str, Any], truth: dict[str, Any]) -> dict[str, f
         if planted is None:
             continue
         value = planted.get("nearest", planted["value"])
+        least, most = sorted((planted["value"], value))
         for name in aliases:
             stated = entry.get("parameters", {}).get(name)
             if stated is None or not _same_unit(stated.get("unit", ""), planted["unit"]):
                 continue
             low, high = stated["ci95"]
             out["parameter_error"] = (stated["value"] - value) / abs(value)
-            out["covered"] = float(low <= value <= high)
+            out["covered"] = float(low <= most and high >= least)
             return out
     return out
 

@@ -138,6 +138,12 @@ def test_parameters_are_compared_with_their_interval():
     assert rows[0]["parameter_error"] == pytest.approx(0.1) and rows[0]["covered"] == 1.0
     stated["level"]["ci95"] = [2.1, 2.4]
     assert score([plant("coulomb")], said("coulomb", parameters=stated))[1][0]["covered"] == 0.0
+    # Of a plant with another form, the range between its value and that of the usual form.
+    other = plant("coulomb")
+    other["parameters"]["level"]["nearest"] = 2.2
+    assert score([other], said("coulomb", parameters=stated))[1][0]["covered"] == 1.0
+    stated["level"]["ci95"] = [1.5, 1.9]
+    assert score([other], said("coulomb", parameters=stated))[1][0]["covered"] == 0.0
 
 
 def test_shares_have_the_clopper_pearson_interval():

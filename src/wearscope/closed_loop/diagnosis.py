@@ -312,7 +312,8 @@ def replace_undetermined(declared: Regression, answer: Answer) -> tuple[Answer, 
     A name whose coefficients may be zero can stand in the place of another one, which is then tried.
     """
     while True:
-        proposed, determined = drop_undetermined(declared, answer.found, answer.sigma)
+        most_rows = answer.score.policy.most_rows
+        proposed, determined = drop_undetermined(declared, answer.found, answer.sigma, most_rows)
         kept = {id(f.term) for f in determined}
         terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
         why = "its coefficients may be zero"
@@ -361,7 +362,7 @@ def settle_rests(
 
 
 def drop_undetermined(
-    before: Regression, found: list[Found], sigma: np.ndarray
+    before: Regression, found: list[Found], sigma: np.ndarray, most_rows: float
 ) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
@@ -374,12 +375,14 @@ def drop_undetermined(
     sigma : ndarray (n,)
         Residual scale with the terms found: that of the declared model would weigh the runs too little
         against the prior of the inertial parameters.
+    most_rows : float
+        Most rows of a joint that an interval counts.
     """
     found = list(found)
     base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
-        estimates = estimate(after)[len(before.entries) :]
+        estimates = estimate(after, most_rows=most_rows)[len(before.entries) :]
         doubtful = [
             (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))

@@ -89,7 +89,7 @@ def draw_models(diagnosis: Diagnosis, stage: str, draws: int, seed: int) -> Iter
         key = tuple(term.label for term in chosen)
         if key not in fitted:
             fit = _fit(diagnosis, stage, chosen)
-            fitted[key] = fit, estimate_jointly(fit)
+            fitted[key] = fit, estimate_jointly(fit, most_rows=diagnosis.policy.most_rows)
         model, joint = fitted[key]
         ((theta, values),) = draw_parameters(model, joint, rng, 1)
         yield make_corrected_model(diagnosis.prepared, model, values, stage, theta)

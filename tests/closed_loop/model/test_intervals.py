@@ -48,3 +48,22 @@ def test_an_interval_holds_what_differs_by_run_or_by_part_of_few(record, pose, r
     narrow, wide = (find_level(model, "coulomb@1", unnamed) for unnamed in (False, True))
     assert np.ptp(wide) < 0.5
     assert wide[0] <= 3.0 <= wide[1]
+
+
+def test_an_interval_counts_no_more_rows_than_stated(record, pose):
+    """It is that of least squares with so many rows, and all of them count where that is wider."""
+    model = fit(pose(record(noise=0.2, seed=5)))
+    assert not np.any(model.prepared.reversals.width)
+    most, runs = 20.0, model.prepared.runs_for("train")
+    keep = np.concatenate([run.keep for run in runs])
+    normal = model.weak_prior.copy()
+    for j in range(2):
+        x = np.concatenate(model.columns)[keep[:, j], j]
+        normal += most / len(x) * x.T @ x / model.sigma[j] ** 2
+    half = 1.96 * np.sqrt(np.diag(np.linalg.inv(normal)))
+    few, many, all_rows = (estimate(model, False, most_rows=rows) for rows in (most, 1e4, np.inf))
+    for k, entry in enumerate(model.entries):
+        ends = [next(iter(one[k].intervals.values())) for one in (few, many, all_rows)]
+        assert np.ptp(ends[0]) == pytest.approx(2.0 * half[k], rel=1e-3), entry.label
+        assert ends[1] == ends[2]
+        assert np.ptp(ends[2]) < np.ptp(ends[0])

@@ -159,7 +159,8 @@ class Outcome:
     @cached_property
     def estimates(self) -> dict[str, list[Estimate]]:
         """Parameters with intervals of the models ``before``, ``proposed`` and ``after``."""
-        return {stage: estimate(getattr(self, stage)) for stage in ("before", "proposed", "after")}
+        stages = ("before", "proposed", "after")
+        return {stage: estimate(getattr(self, stage), most_rows=self.policy.most_rows) for stage in stages}
 
     @cached_property
     def models(self) -> dict[str, RobotModel]:

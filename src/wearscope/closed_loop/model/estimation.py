@@ -13,6 +13,8 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm, reduce_columns
 from wearscope.effects.vocabulary import plain_friction
 
+#: Most rows of a joint that an interval counts; see `Policy.most_rows`.
+MOST_ROWS = 250.0
 #: Relative information below which a spline's height counts as unknown; the best known height has 1.
 _INFORMED = 1e-3
 
@@ -171,7 +173,7 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     ], owners
 
 
-def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
+def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float = MOST_ROWS) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
@@ -180,6 +182,9 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     degrees of freedom as clusters carry the parameter's information, less one. Where a regressor was made
     from the measured torque, its noise-free instrument takes its place in the scores.
 
+    No form is exact, so more rows than some tell no more: intervals are at least as wide as with that many
+    independent rows of each joint, as in the score of names (Miller and Dunson 2019, JASA 114).
+
     Parameters
     ----------
     model : Regression
@@ -187,6 +192,8 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
         Whether the intervals include what may be present without a name: plain friction, and differences
         between held-out parts, which serve as clusters where this gives wider intervals. It is False where
         names are tested.
+    most_rows : float
+        Most independent rows of a joint.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
@@ -198,17 +205,21 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     residuals = model.residuals(theta)
     p = model.p + extra[0].shape[2]
     blocks = len(model.blocks)
-    hessian = np.zeros((p, p))
-    hessian[: model.p, : model.p] = model.weak_prior
     prior = np.zeros(p)
     prior[p - len(precision) :] = precision
-    hessian += np.diag(prior)
+    held = np.diag(prior)
+    held[: model.p, : model.p] += model.weak_prior
+    hessian, least = held.copy(), held.copy()
+    rows_of = sum(run.keep.sum(axis=0) for run in model.prepared.runs_for("train"))
+    share = np.minimum(most_rows / np.maximum(rows_of, 1), 1.0)
     scores = np.zeros((blocks, p))
     information = np.zeros((blocks, p))
     for b, block in enumerate(model.blocks):
         rows = slice(block.start, block.stop)
         w = model.weights[block.run][rows]
         x = np.concatenate([model.columns[block.run][rows], extra[block.run][rows]], axis=2) * w[:, :, None]
+        less = (x * np.sqrt(share)[:, None]).reshape(w.size, p)
+        least += less.T @ less
         x = x.reshape(w.size, p)
         z = x.copy()
         z[:, : model.p] = (instruments[block.run][rows] * w[:, :, None]).reshape(w.size, model.p)
@@ -217,8 +228,6 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
         information[b] = (z**2).sum(axis=0)
         scores[b] = z.T @ e
     inverse = _invert(hessian)
-    held = np.diag(prior)
-    held[: model.p, : model.p] += model.weak_prior
     # Each joint's torque is a separate observation; degrees of freedom that a prior fixes are not subtracted.
     taken = float(np.trace(inverse @ (hessian - held))) / max(int(model.prepared.moving.sum()), 1)
     meat = scores.T @ scores * blocks / max(blocks - taken, 1.0) + np.diag(prior)
@@ -231,6 +240,7 @@ def estimate_jointly(model: Regression, unnamed: bool = True) -> JointFit:
     carried = information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-300)
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
+    width = np.maximum(width, stats.norm.ppf(0.975) * np.sqrt(np.maximum(np.diag(_invert(least)), 0.0)))
     if unnamed:
         width = np.maximum(width, _measure_by_part(model, inverse, scores))
     return JointFit(theta, covariance, width + moved, moved, owners, told)
@@ -260,9 +270,9 @@ def _invert(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
-def estimate(model: Regression, unnamed: bool = True) -> list[Estimate]:
+def estimate(model: Regression, unnamed: bool = True, most_rows: float = MOST_ROWS) -> list[Estimate]:
     """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
-    joint = estimate_jointly(model, unnamed)
+    joint = estimate_jointly(model, unnamed, most_rows)
     theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
