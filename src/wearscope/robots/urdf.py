@@ -392,7 +392,8 @@ def _check_joints(tree: Tree, joints: Sequence[str], source: str) -> None:
         if joint.mimics in joints:
             raise InputError(
                 f"{source}: joint '{joint.name}' mimics '{joint.mimics}'; coupled joints are not simulated, "
-                f"so make '{joint.name}' fixed or leave '{joint.mimics}' out of the joints."
+                f"so leave '{joint.mimics}' out of the joints and record it at rest, or make '{joint.name}' "
+                "fixed where its motion needs no torque."
             )
 
 

@@ -26,7 +26,7 @@ _USUAL = 0.1
 MASSES = "The refitted masses"
 #: What refitted masses may come from.
 _CAUSES = (
-    "Masses of the URDF are off, or a load, balancer, drive's inertia or torque constant is not as declared."
+    "masses of the URDF are off, or a load, balancer, drive's inertia or torque constant is not as declared."
 )
 #: How the note on loads by run begins.
 _DIFFERS = "The load differs between runs"
@@ -144,19 +144,19 @@ def tell_masses(after: Regression) -> tuple[list[str], str]:
         sizes = ", ".join(f"{joints[j]} {100 * change[j]:.0f} %" for j in far)
         return [joints[j] for j in far], (
             f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
-            f"link explains that: {sizes}. {_CAUSES}"
+            f"link explains that: {sizes}. Either {_CAUSES}"
         )
     told, of_payload = _tell_body(after, alike[0])
     removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
     if of_payload:
         return [joints[alike[0]]], (
             f"{MASSES} act as a payload of {told} in addition to the stated one: {removes}. State it, if the "
-            f"machine carries it. Otherwise: {_CAUSES}"
+            f"machine carries it; otherwise {_CAUSES}"
         )
     links = [joints[k] for k in alike]
     return links, (
         f"{MASSES} act as a change of the link that {' or '.join(links)} moves, of {told}: {removes}. "
-        f"{_CAUSES}"
+        f"Either {_CAUSES}"
     )
 
 

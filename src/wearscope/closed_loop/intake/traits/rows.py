@@ -103,12 +103,15 @@ class Rows:
     def thin(self, most: int) -> "Rows":
         """Fewer rows for a first look: about `most` of the doubted runs, and as many of all others.
 
-        Each joint that is tested keeps rows that count for it.
+        A joint that is tested and for which too few of them count keeps rows of its own.
         """
-        each = max(LEAST_ROWS, most // len(self.tested))
-        every = self.counts[:, self.tested].T
-        parts = [np.flatnonzero(at & own) for at in (self.doubted, ~self.doubted) for own in every]
-        return self.pick(np.unique(np.concatenate([one[:: max(1, len(one) // each)] for one in parts])))
+        parts = [np.flatnonzero(self.doubted), np.flatnonzero(~self.doubted)]
+        some = np.concatenate([one[:: max(1, len(one) // most)] for one in parts])
+        for j in self.tested:
+            if self.counts[some, j].sum() < LEAST_ROWS:
+                own = np.flatnonzero(self.counts[:, j])
+                some = np.append(some, own[:: max(1, len(own) // LEAST_ROWS)])
+        return self.pick(np.unique(some))
 
     @property
     def n(self) -> int:
