@@ -5,6 +5,7 @@ import pytest
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.inference.policy import Policy
+from wearscope.effects.torque_ripple import FEWEST_PERIODS
 
 POLICY = Policy(flips=199)
 
@@ -43,3 +44,15 @@ def test_a_ripple_that_unknown_structure_hides_is_named_beside_it(record):
     assert set(named) == {"torque_ripple", "unknown"}
     found = {name: parameter["value"] for name, parameter in named["torque_ripple"]["parameters"].items()}
     assert found == pytest.approx(planted[0][2], rel=0.05)
+
+
+def test_a_ripple_has_the_fewest_periods_that_its_effect_states(record):
+    """A slower wave may be a curve of the position, as a spring's or a balancer's."""
+
+    def curve(t, q, v, a, rng):
+        return np.column_stack([10.0 * np.sin(3.4 * q[:, 0] + 0.5), 0.0 * t])
+
+    diagnosis = diagnose(record(extra_torque=curve, seed=5, runs=4, duration=8.0, warm=False), POLICY)
+    waves = [t for t in diagnosis.answer.model.terms if t.effect.name == "torque_ripple"]
+    periods = np.array([t.model_term.shape[0] for t in waves]) * np.ptp(diagnosis.problem.joined.q[:, 0])
+    assert len(waves) and np.all(periods >= 2.0 * np.pi * FEWEST_PERIODS * (1.0 - 1e-9))

@@ -437,8 +437,7 @@ def refine_shape(given: Model, term: Term) -> Term:
         low, high = np.log(grid[:, k].min() / shape[k]), np.log(grid[:, k].max() / shape[k])
         if k in first:
             width = effect.width(problem.joined, joint, shape.tolist())
-            low = max(-width, float(np.log(max(effect.shape[k].lower, 1e-12) / shape[k])))
-            high = min(width, float(np.log(min(effect.shape[k].upper, 1e12) / shape[k])))
+            low, high = np.clip((low, high), -width, width)
         unit = np.arange(len(shape)) == k
         found = optimize.minimize_scalar(
             lambda x, at=shape, unit=unit: lose(at * np.exp(x * unit)),
