@@ -1,6 +1,7 @@
 """URDF intake: physics kept, engines agree, every refusal says what to correct."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -21,82 +22,8 @@ from wearscope.robots.spatial import (
 )
 from wearscope.robots.urdf import normalise_tree, normalise_urdf, parse_urdf
 
-# As a maker publishes it: meshes that are not there, a massless flange, fixed links in the middle and at the
-# end, rotated inertial frames with full tensors, a gripper that mimics, a continuous joint, a slide.
-RICH = """<?xml version="1.0"?>
-<!-- comment -->
-<robot name="rich">
-  <material name="grey"><color rgba="1 1 1 1"/></material>
-  <link name="world"/>
-  <link name="plinth">
-    <inertial><mass value="300"/>
-      <inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="bolt" type="fixed">
-    <origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.3"/>
-    <parent link="world"/>
-    <child link="plinth"/></joint>
-  <joint name="turn" type="continuous">
-    <origin xyz="0 0 0.4" rpy="0 1.5707963267948966 0.2"/>
-    <parent link="plinth"/>
-    <child link="tower"/>
-    <axis xyz="1 2 2"/>
-  </joint>
-  <link name="tower">
-    <visual><geometry><mesh filename="package://nowhere/tower.stl"/></geometry></visual>
-    <collision><geometry><mesh filename="package://nowhere/tower.stl"/></geometry></collision>
-    <inertial><origin xyz="0.1 -0.05 0.2" rpy="0.3 -0.7 1.1"/><mass value="40"/>
-      <inertia ixx="1.5" iyy="2.0" izz="1.2" ixy="0.2" ixz="-0.1" iyz="0.15"/></inertial>
-  </link>
-  <joint name="motor_mount" type="fixed">
-    <origin xyz="0.2 0.1 0" rpy="0.4 0 0.9"/>
-    <parent link="tower"/>
-    <child link="motor"/></joint>
-  <link name="motor">
-    <inertial><origin xyz="0 0 0.05"/><mass value="12"/>
-      <inertia ixx="0.1" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="lift" type="prismatic">
-    <origin xyz="0.5 0 0" rpy="0 0.5 0"/>
-    <parent link="motor"/>
-    <child link="carriage"/>
-    <axis xyz="0 0 1"/>
-    <limit lower="-0.2" upper="0.6" effort="900" velocity="0.8"/></joint>
-  <link name="carriage">
-    <inertial><origin xyz="0 0.1 0" rpy="0 0 0.6"/><mass value="8"/>
-      <inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.01" ixz="0.02" iyz="-0.03"/></inertial></link>
-  <joint name="swing" type="revolute">
-    <origin xyz="0 0.3 0" rpy="-1.2 0 0"/>
-    <parent link="carriage"/>
-    <child link="forearm"/>
-    <axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="300" velocity="3"/><dynamics damping="5" friction="2"/></joint>
-  <link name="forearm">
-    <inertial><origin xyz="0.2 0 0.1" rpy="1 2 3"/><mass value="6"/>
-      <inertia ixx="0.05" iyy="0.12" izz="0.11" ixy="0.005" ixz="0.002" iyz="0.003"/></inertial></link>
-  <joint name="flange_joint" type="fixed">
-    <origin xyz="0.4 0 0"/>
-    <parent link="forearm"/>
-    <child link="flange"/></joint>
-  <link name="flange"/>
-  <joint name="finger_joint" type="prismatic">
-    <origin xyz="0.05 0.02 0" rpy="0.2 0.1 0"/>
-    <parent link="flange"/>
-    <child link="finger"/>
-    <axis xyz="0 1 0"/>
-    <limit lower="0" upper="0.04" effort="10" velocity="1"/></joint>
-  <link name="finger">
-    <inertial><origin xyz="0.02 0 0"/><mass value="0.3"/>
-      <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="thumb_joint" type="prismatic">
-    <parent link="flange"/>
-    <child link="thumb"/>
-    <axis xyz="0 -1 0"/>
-    <limit lower="0" upper="0.04" effort="10" velocity="1"/><mimic joint="finger_joint"/></joint>
-  <link name="thumb">
-    <inertial><mass value="0.3"/>
-      <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <transmission name="t"><type>x</type></transmission>
-</robot>
-"""
+#: Of a robot as a maker publishes it.
+RICH = Path(__file__).with_name("rich.urdf").read_text(encoding="utf-8")
 JOINTS = ["turn", "lift", "swing"]
 
 
