@@ -103,24 +103,11 @@ def planted(effect="gravity_counterbalance", joint="axis_2"):
     return {"planted": [{"effect": effect, "accepted": [effect], "joint": joint}]}
 
 
-@pytest.mark.parametrize(
-    ("verdict", "truth", "told"),
-    [
-        (VERDICT, planted(), "Planted was gravity counterbalance at axis_2, which the loop found."),
-        (VERDICT, planted("joint_spring"), "Planted was joint spring at axis_2, which the loop found."),
-        (VERDICT, planted("viscous"), "It named what was not planted: gravity counterbalance at axis_2."),
-        (
-            VERDICT,
-            planted(joint="axis_1"),
-            "find. It named what was not planted: gravity counterbalance at axis_2.",
-        ),
-        (changed(), planted(), "did not find."),
-        (changed(), {"planted": []}, "Nothing was planted: so it should be."),
-        (VERDICT, {"planted": []}, "Nothing was planted: a false alarm."),
-    ],
-)
-def test_what_was_planted_is_found_also_by_an_equivalent_name(verdict, truth, told):
-    assert tell_planted(verdict, truth).endswith(told)
+def test_what_was_planted_is_found_also_by_an_equivalent_name(says):
+    """Of a name and of none: planted is that name, its rival, another effect, one elsewhere, and nothing."""
+    others = planted("joint_spring"), planted("viscous"), planted(joint="axis_1")
+    for case, verdict in (("what was planted, a name", VERDICT), ("what was planted, no name", changed())):
+        says(case, *(tell_planted(verdict, truth) for truth in (planted(), *others, {"planted": []})))
 
 
 def test_effects_and_parameters_are_called_what_people_call_them():
@@ -131,17 +118,10 @@ def test_effects_and_parameters_are_called_what_people_call_them():
     assert set(PARAMETERS) <= known
 
 
-@pytest.mark.parametrize(
-    ("share", "ends", "told"),
-    [
-        (0.93, [0.9, 0.95], "it removes 93 % (95 %: 90 to 95) of the residual variance"),
-        (0.9964, [0.995, 0.998], "it removes 99.6 % (95 %: 99.5 to 99.8) of the residual variance"),
-        (-0.2, [-0.3, -0.1], "it adds 20 % (95 %: 10 to 30) to the residual variance"),
-        (None, [None, None], "unknown share"),
-    ],
-)
-def test_shares_of_the_residual(share, ends, told):
-    assert told in say_share(ENTRY | {"error_reduction": share, "error_reduction_ci95": ends})
+def test_shares_of_the_residual(says):
+    shares = (0.93, 0.9, 0.95), (0.9964, 0.995, 0.998), (-0.2, -0.3, -0.1), (None, None, None)
+    entries = (ENTRY | {"error_reduction": one, "error_reduction_ci95": ends} for one, *ends in shares)
+    says("shares of the residual", *map(say_share, entries))
 
 
 def test_what_is_left_at_a_joint():
