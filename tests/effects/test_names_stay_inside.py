@@ -43,14 +43,26 @@ def listed_names(tree: ast.Module, names: set[str]) -> list[tuple[int, str]]:
 
 
 @cache
-def read_sources() -> dict[Path, ast.Module]:
-    """Syntax of every module outside the effects, by its path in the source."""
-    found = {path.relative_to(SOURCES): path for path in sorted(SOURCES.rglob("*.py"))}
-    return {
-        name: ast.parse(path.read_text(encoding="utf-8"))
-        for name, path in found.items()
-        if name.parts[0] not in ("effects", APART)
+def read_sources() -> tuple[set[str], dict[Path, ast.Module]]:
+    """Names of effects, and the syntax of modules outside the effects in whose text one stands, by path."""
+    names = {effect.name for effect in list_effects()} - ELSEWHERE
+    texts = {path.relative_to(SOURCES): path.read_text(encoding="utf-8") for path in SOURCES.rglob("*.py")}
+    return names, {
+        path: ast.parse(text)
+        for path, text in sorted(texts.items())
+        if path.parts[0] not in ("effects", APART) and any(name in text for name in names)
     }
+
+
+def find_names(search, allowed=()) -> list[str]:
+    """Where a search finds names, but for the modules where they are allowed."""
+    names, sources = read_sources()
+    return [
+        f"{path}:{line}: {name}"
+        for path, tree in sources.items()
+        if not any(map(path.is_relative_to, allowed))
+        for line, name in search(tree, names)
+    ]
 
 
 def test_the_search_sees_a_table():
@@ -61,14 +73,7 @@ def test_the_search_sees_a_table():
 
 
 def test_no_table_of_names_stands_outside_the_effects():
-    names = {effect.name for effect in list_effects()} - ELSEWHERE
-    found = [
-        f"{path}:{line}: {name}"
-        for path, tree in read_sources().items()
-        if not any(map(path.is_relative_to, TABLES))
-        for line, name in listed_names(tree, names)
-    ]
-    assert found == []
+    assert find_names(listed_names, TABLES) == []
 
 
 def test_the_search_sees_a_comparison():
@@ -77,10 +82,4 @@ def test_the_search_sees_a_comparison():
 
 
 def test_no_name_is_compared_outside_the_effects():
-    names = {effect.name for effect in list_effects()} - ELSEWHERE
-    found = [
-        f"{path}:{line}: {name}"
-        for path, tree in read_sources().items()
-        for line, name in compared_names(tree, names)
-    ]
-    assert found == []
+    assert find_names(compared_names) == []
