@@ -19,7 +19,7 @@ NOISE = np.array([1.0, 0.5])
 
 @pytest.fixture(scope="module")
 def folder(record_at, tmp_path_factory):
-    return record_at(tmp_path_factory.mktemp("drawn") / "duo", [(1, "joint_spring", SPRING)], runs=4)
+    return record_at(tmp_path_factory.mktemp("drawn") / "duo", [(1, "joint_spring", SPRING)], runs=3)
 
 
 @pytest.fixture(scope="module")

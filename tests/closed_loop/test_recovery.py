@@ -63,7 +63,7 @@ def test_a_delay_that_makes_a_sixth_of_the_error_is_named(record, tmp_path):
 
 @pytest.mark.parametrize("seed", [10, 11])
 def test_nothing_is_named_where_the_declared_model_suffices(record, tmp_path, seed):
-    assert close_loop(record(seed=seed), tmp_path / "out", light=True)["verdict"] == []
+    assert close_loop(record(seed=seed, runs=3), tmp_path / "out", light=True)["verdict"] == []
 
 
 def test_structure_outside_the_vocabulary_is_called_unknown(record, tmp_path):
@@ -93,7 +93,7 @@ def test_smooth_structure_is_described_with_few_heights(record, tmp_path):
     def product(t, q, v, a, rng):
         return np.column_stack([4 * q[:, 0] * v[:, 0], 0 * t])
 
-    folder = record(extra_torque=product, seed=4, runs=4, duration=8.0)
+    folder = record(extra_torque=product, seed=4, runs=3, duration=8.0)
     verdict = close_loop(folder, tmp_path / "out", light=True)
     assert [e["effect"] for e in verdict["verdict"]] == ["unknown"]
     assert len(verdict["verdict"][0]["parameters"]) <= COARSE
@@ -104,7 +104,8 @@ def test_drifting_bias_is_not_called_unknown(record, tmp_path, seed):
     def walk(t, q, v, a, rng):
         return np.cumsum(rng.normal(size=(len(t), 2)), axis=0) * 0.05
 
-    verdict = close_loop(record(extra_torque=walk, seed=seed), tmp_path / "out", light=True)["verdict"]
+    folder = record(extra_torque=walk, seed=seed, runs=3)
+    verdict = close_loop(folder, tmp_path / "out", light=True)["verdict"]
     assert "unknown" not in [e["effect"] for e in verdict]
 
 

@@ -16,7 +16,7 @@ from wearscope.closed_loop.posing import pose_problem
 from wearscope.effects.base import load_effect
 from wearscope.robots.model import load_model
 
-FAST = {"runs": 4, "duration": 8.0}
+FAST = {"runs": 3, "duration": 8.0}
 RIPPLE = {"cosine": 1.0, "sine": 0.8, "wavenumber": 20.0}
 
 

@@ -25,7 +25,7 @@ def names_at(verdict, joint):
     return [name for e in own for name in (e["effect"], *e["equivalent"])]
 
 
-@pytest.mark.parametrize(("runs", "duration", "noise"), [(2, 30.0, 4.0), (4, 9.0, 1.0)])
+@pytest.mark.parametrize(("runs", "duration", "noise"), [(2, 30.0, 4.0), (3, 9.0, 1.0)])
 def test_a_spring_is_named_above_its_limit_and_not_far_below(record_at, tmp_path, runs, duration, noise):
     made = {"seed": 5, "runs": runs, "duration": duration, "noise": noise}
     plain = close_loop(record_at(tmp_path / "plain", **made), tmp_path / "0", light=True)

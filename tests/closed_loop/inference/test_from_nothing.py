@@ -61,7 +61,7 @@ def test_beside_approximate_inertials_nothing_is_lost(record, declared_whole):
 @pytest.mark.parametrize("declared", [[], ["coulomb"]])
 def test_approximate_inertials_are_refitted_whatever_is_declared(record, pose, declared):
     """The contract's `rigid_body` need not be declared for a body that is only nearly known."""
-    folder = record(declared=declared, robot=UNSTATED | {"inertials": "approximate"}, seed=7, runs=4)
+    folder = record(declared=declared, robot=UNSTATED | {"inertials": "approximate"}, seed=7, runs=3)
     problem = pose(folder)
     assert problem.inertial
     (bodies,) = [c for c in problem.base if c.candidate.effect.name == "rigid_body"]
@@ -88,14 +88,14 @@ def test_a_joint_without_friction_is_given_none(record):
     def free(t, q, v, a, rng):
         return np.column_stack([-6.0 * np.sign(v[:, 0]) - 4.0 * v[:, 0], 0.0 * t])
 
-    folder = record(declared=["rigid_body", "rotor_inertia"], extra_torque=free, seed=7, runs=4, duration=8.0)
+    folder = record(declared=["rigid_body", "rotor_inertia"], extra_torque=free, seed=7, runs=3, duration=8.0)
     named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
     assert named == {("b", "coulomb"), ("b", "viscous")}
 
 
 def test_richer_friction_comes_after_its_simple_parents(record):
     planted = [(0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})]
-    folder = record(planted, declared=["rigid_body"], robot=UNSTATED, seed=7, runs=4, duration=8.0)
+    folder = record(planted, declared=["rigid_body"], robot=UNSTATED, seed=7, runs=3, duration=8.0)
     named = {(e["joint"], e["effect"]) for e in diagnose(folder).verdict["verdict"]}
     assert named == {(j, n) for j in "ab" for n in TRUTH} | {("a", "stribeck")}
 

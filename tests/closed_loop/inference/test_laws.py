@@ -74,13 +74,13 @@ def smooth(width, stribeck=0.0):
 
 
 def test_friction_that_does_reverse_over_a_wide_speed_is_given_no_law(record):
-    diagnosis = diagnose(record([], seed=5, extra_torque=smooth(0.4)))
+    diagnosis = diagnose(record([], seed=5, runs=3, extra_torque=smooth(0.4)))
     assert is_wide(diagnosis.prepared, 0)
     assert diagnosis.verdict["verdict"] == []
 
 
 def test_a_law_that_is_there_stays_with_its_reversal(record, pose):
-    answer = find_terms(pose(record([], seed=6, extra_torque=smooth(0.05, stribeck=8.0))), Policy())
+    answer = find_terms(pose(record([], seed=6, runs=3, extra_torque=smooth(0.05, stribeck=8.0))), Policy())
     laws = [(f.term.effect.name, f.term.joint) for f in answer.found if is_law(f.term.effect)]
     assert laws == [("stribeck", 0)]
     assert answer.problem.prepared.reversals.width[0] == pytest.approx(0.05, rel=0.2)
@@ -128,11 +128,11 @@ def test_only_the_reversals_tell_friction_that_differs_by_direction_from_an_offs
         added[:, 0] += 20.0 * follow(v[:, 0])
         return added
 
-    assert name_terms(record(seed=6, runs=4, extra_torque=torque)) == {(name, 0)}
+    assert name_terms(record(seed=6, runs=3, extra_torque=torque)) == {(name, 0)}
 
 
 def test_a_law_that_fits_far_worse_wherever_it_starts_is_not_fitted(record, pose):
-    problem = pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7))
+    problem = pose(record([(0, "stribeck", {"level": 20.0, "speed": 0.3})], seed=7, runs=3))
     model = find_terms(problem, Policy()).model
     (stribeck,) = [t for t in model.terms if is_law(t.effect)]
     law = load_effect("coulomb_asymmetry")

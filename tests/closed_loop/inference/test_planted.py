@@ -78,7 +78,7 @@ def test_what_follows_the_last_turn_has_no_name(record):
 def test_a_name_next_to_it_stays(record):
     """A spring that is larger; a balancer is as much like it."""
     planted = [(0, "joint_spring", {"stiffness": 20.0, "preload": 0.0})]
-    folder = record(planted, extra_torque=turned, seed=72, runs=4, duration=12.0)
+    folder = record(planted, extra_torque=turned, seed=72, runs=3, duration=12.0)
     verdict = diagnose(folder).verdict
     (named,) = verdict["verdict"]
     assert named["joint"] == "a"

@@ -34,7 +34,7 @@ def soften(form, curved=0.0):
 def curved(record_at, pose, tmp_path_factory):
     """Smooth friction with churning losses that nobody declared, and little noise."""
     folder = tmp_path_factory.mktemp("curved") / "duo"
-    return pose(record_at(folder, noise=0.05, extra_torque=soften("tanh", curved=2.0), seed=3))
+    return pose(record_at(folder, noise=0.05, extra_torque=soften("tanh", curved=2.0), seed=3, runs=3))
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.6, 1.6])
@@ -60,7 +60,8 @@ def test_a_reversal_at_once_stays_one(record, pose, declared_model):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_form_is_found_and_friction_far_from_the_reversal_is_in_its_interval(record, form):
-    folder = record(noise=0.05, extra_torque=soften(form), seed=5, declared=("rigid_body", "rotor_inertia"))
+    declared = ("rigid_body", "rotor_inertia")
+    folder = record(noise=0.05, extra_torque=soften(form), seed=5, runs=3, declared=declared)
     found = diagnose(folder)
     assert found.prepared.reversals.form.tolist() == [list(FORMS).index(form)] * 2
     stated = {(e["joint"], e["effect"]): e["parameters"] for e in found.verdict["verdict"]}
@@ -107,7 +108,7 @@ def test_a_level_that_another_form_would_take_away_is_not_told_from_zero(record,
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_form_of_a_reversal_is_given_no_name(record, form):
-    folder = record(noise=0.05, extra_torque=soften(form), seed=5)
+    folder = record(noise=0.05, extra_torque=soften(form), seed=5, runs=3)
     assert diagnose(folder).verdict["verdict"] == []
 
 

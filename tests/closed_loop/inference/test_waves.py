@@ -27,7 +27,7 @@ def test_a_bump_at_one_position_is_no_ripple(record):
     def bump(t, q, v, a, rng):
         return np.column_stack([10.0 * np.exp(-((q[:, 0] / 0.4) ** 2)), 0.0 * t])
 
-    folder = record(extra_torque=bump, seed=4, runs=4, duration=8.0, warm=False)
+    folder = record(extra_torque=bump, seed=4, runs=3, duration=8.0, warm=False)
     (entry,) = diagnose(folder, POLICY).verdict["verdict"]
     assert (entry["joint"], entry["effect"], entry["status"]) == ("a", "unknown", "confirmed")
 
