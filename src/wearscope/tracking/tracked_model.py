@@ -39,7 +39,8 @@ def make_healthy_model(
     structure : Structure
     belief : Belief
     """
-    robot = make_corrected_model(diagnosis.prepared, model, estimate(model), STAGE)
+    estimates = estimate(model, most_rows=diagnosis.policy.most_rows)
+    robot = make_corrected_model(diagnosis.prepared, model, estimates, STAGE)
     told = f"{diagnosis.prepared.dataset.fields.description} As its healthy sessions show it.".strip()
     return robot.add_effects(list_thermal(structure, belief, robot)).replace(description=told)
 

@@ -117,7 +117,7 @@ def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]
     ]
 
 
-def tell_masses(after: Regression) -> tuple[list[str], str]:
+def tell_masses(after: Regression, most_rows: float) -> tuple[list[str], str]:
     """Joints whose links were refitted unusually far, and a sentence; both empty where there are none.
 
     The links act as a payload, as one link, or as several.
@@ -126,6 +126,8 @@ def tell_masses(after: Regression) -> tuple[list[str], str]:
     ----------
     after : Regression
         The corrected model.
+    most_rows : float
+        Most independent rows of a joint that an interval counts.
     """
     prepared, n = after.prepared, after.prepared.n
     held = any(term.effect.spread and not term.is_deflection for term in after.entries)
@@ -146,7 +148,7 @@ def tell_masses(after: Regression) -> tuple[list[str], str]:
             f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
             f"link explains that: {sizes}. Either {_CAUSES}"
         )
-    told, of_payload = _tell_body(after, alike[0])
+    told, of_payload = _tell_body(after, alike[0], most_rows)
     removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
     if of_payload:
         return [joints[alike[0]]], (
@@ -173,13 +175,13 @@ def _share_links(after: Regression) -> np.ndarray:
     return np.array([remove([k]) - least for k in range(n)]) / max(most - least, 1e-300)
 
 
-def _tell_body(after: Regression, link: int) -> tuple[str, bool]:
+def _tell_body(after: Regression, link: int, most_rows: float) -> tuple[str, bool]:
     """Mass or moments of a body that is added to a link, and whether it can be a payload."""
     prepared, n = after.prepared, after.prepared.n
     effect = load_effect("inertial_error").for_robot(n)
     body = ModelTerm(effect, link, (), tuple(range(10 * link, 10 * link + 10)))
     trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)
-    found = estimate(refit(trusted, [*after.entries, body]))[-1]
+    found = estimate(refit(trusted, [*after.entries, body]), most_rows=most_rows)[-1]
     names = [effect.coefficients[k].name for k in body.subset[:4]]
     values = np.array([found.values[name] for name in names])
     ends = np.array([found.intervals[name] for name in names])

@@ -138,7 +138,7 @@ class Outcome:
     @cached_property
     def far_links(self) -> tuple[list[str], str]:
         """Joints whose links were refitted far from the URDF, and a sentence; both empty without any."""
-        return tell_masses(self.after)
+        return tell_masses(self.after, self.policy.most_rows)
 
     @cached_property
     def notes(self) -> list[str]:

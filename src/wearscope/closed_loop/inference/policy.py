@@ -5,8 +5,6 @@ The documentation lists them from here: ``docs/closed-loop-reference.md``.
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from wearscope.closed_loop.model.estimation import MOST_ROWS
-
 
 class Policy(BaseModel):
     """Numbers of the score and of the test of what is left; written to ``verdict.json`` with the version."""
@@ -17,7 +15,7 @@ class Policy(BaseModel):
     """Share of the loss (variance) that a joint's standard model leaves, below which models are hardly told
     apart: no machine follows a form exactly, and what is small next to a large term is its form."""
 
-    most_rows: float = Field(MOST_ROWS, gt=1)
+    most_rows: float = Field(250.0, gt=1)
     """Most independent rows that speak for or against a term: with more, each form that is slightly wrong
     would be told from each other one (a coarsened likelihood; Miller and Dunson 2019, JASA 114)."""
 

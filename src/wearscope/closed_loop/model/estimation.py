@@ -13,8 +13,6 @@ from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm, reduce_columns
 from wearscope.effects.vocabulary import plain_friction
 
-#: Most rows of a joint that an interval counts; see `Policy.most_rows`.
-MOST_ROWS = 250.0
 #: Relative information below which a spline's height counts as unknown; the best known height has 1.
 _INFORMED = 1e-3
 
@@ -173,7 +171,7 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     ], owners
 
 
-def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float = MOST_ROWS) -> JointFit:
+def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float = np.inf) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
@@ -193,7 +191,7 @@ def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float =
         between held-out parts, which serve as clusters where this gives wider intervals. It is False where
         names are tested.
     most_rows : float
-        Most independent rows of a joint.
+        Most independent rows of a joint that count; all by default.
     """
     theta = model.solve()
     extra, owners = _shape_gradients(model, theta)
@@ -270,7 +268,7 @@ def _invert(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
-def estimate(model: Regression, unnamed: bool = True, most_rows: float = MOST_ROWS) -> list[Estimate]:
+def estimate(model: Regression, unnamed: bool = True, most_rows: float = np.inf) -> list[Estimate]:
     """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
     joint = estimate_jointly(model, unnamed, most_rows)
     theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
