@@ -311,12 +311,11 @@ def replace_undetermined(declared: Regression, answer: Answer) -> tuple[Answer, 
 
     A name whose coefficients may be zero can stand in the place of another one, which is then tried.
     """
+    why = "its coefficients may be zero"
     while True:
-        most_rows = answer.score.policy.most_rows
-        proposed, determined = drop_undetermined(declared, answer.found, answer.sigma, most_rows)
+        proposed, determined = drop_undetermined(declared, answer)
         kept = {id(f.term) for f in determined}
         terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
-        why = "its coefficients may be zero"
         replaced = answer.replace(terms, why)
         if replaced is None:
             return answer.without(terms, why), proposed, determined
@@ -361,25 +360,15 @@ def settle_rests(
     return after, left
 
 
-def drop_undetermined(
-    before: Regression, found: list[Found], sigma: np.ndarray, most_rows: float
-) -> tuple[Regression, list[Found]]:
+def drop_undetermined(before: Regression, answer: Answer) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
-    Held-out runs test a prediction; a name states a parameter, so its interval must not hold zero.
-
-    Parameters
-    ----------
-    before : Regression
-    found : list of Found
-    sigma : ndarray (n,)
-        Residual scale with the terms found: that of the declared model would weigh the runs too little
-        against the prior of the inertial parameters.
-    most_rows : float
-        Most rows of a joint that an interval counts.
+    Held-out runs test a prediction; a name states a parameter, so its interval must not hold zero. The rows
+    are weighed by the residual with the terms found: that of the declared model would weigh them too little
+    against the prior of the inertial parameters.
     """
-    found = list(found)
-    base = Regression(before.prepared, before.entries, sigma, before.inertial, before.blocks)
+    found, most_rows = list(answer.found), answer.score.policy.most_rows
+    base = Regression(before.prepared, before.entries, answer.sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
         estimates = estimate(after, most_rows=most_rows)[len(before.entries) :]

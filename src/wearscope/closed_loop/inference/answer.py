@@ -127,9 +127,11 @@ class Answer:
 
     def without(self, terms: Sequence[Term], why: str) -> "Answer":
         """The answer whose model lacks some terms; what they explain is then told as left."""
+        if not terms:
+            return self
         moves = replace(self._moves, refused=self._moves.refused | {t.key: why for t in terms})
         rest = self.model.has([t for t in self.model.terms if t not in terms]).rescale()
-        return replace(self, model=rest, _moves=moves) if terms else self
+        return replace(self, model=rest, _moves=moves)
 
     @cached_property
     def _rest(self) -> tuple[dict[int, Left], dict[int, str]]:
