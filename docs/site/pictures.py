@@ -22,7 +22,7 @@ SHOWN: dict[str, dict[str, float]] = {
     "coulomb_asymmetry": {"half_difference": 4.0},
     "cross_coupling": {"viscous": 6.0, "coulomb": 8.0, "other": 0.0},
     "friction_temperature": {"eta1": 10.0, "eta2": -0.3, "eta6": -0.2, "eta3": 0.1},
-    "gravity_counterbalance": {"sine1": -60.0, "cosine1": 15.0, "sine2": 8.0},
+    "gravity_counterbalance": {"sine1": -60.0, "cosine1": 15.0, "pretension": 16.0},
     "inertial_error": {"moment_x_2": 2.0, "moment_y_2": 2.0, "moment_z_2": 2.0},
     "joint_elasticity": {"compliance": 2e-5},
     "joint_spring": {"stiffness": 30.0, "preload": 5.0},

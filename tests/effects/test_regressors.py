@@ -21,6 +21,16 @@ def dahl(s: Signals, displacement: float) -> np.ndarray:
     return np.array(out)[:, None]
 
 
+def balancer(q: np.ndarray, angle: float, ratio: float) -> np.ndarray:
+    """Sine, cosine, constant, and the torque of a constant force between two pins less a sine."""
+    base = np.array([np.cos(angle), np.sin(angle)])
+    link = ratio * np.column_stack([np.cos(q), np.sin(q)])
+    apart = link - base
+    lever = (link[:, 0] * apart[:, 1] - link[:, 1] * apart[:, 0]) / np.linalg.norm(apart, axis=1)
+    more = (lever - ratio * np.sin(q - angle)) / ratio**2
+    return np.column_stack([np.sin(q), np.cos(q), 0 * q + 1, more])
+
+
 def friction(s: Signals) -> np.ndarray:
     v, sign, T, f = s.v[:, J], s.sign[:, J], s.temperature[:, J], s.wear[:, J]
     bump = np.exp(-((np.abs(v) / (-0.2 + 0.01 * T)) ** 1.3)) * sign
@@ -59,8 +69,12 @@ FORMULAS = {
         ),
     ),
     "temperature_dependent_friction": (
-        (33.0,),
-        lambda s: (s.temperature[:, [J]] - 33.0) * np.column_stack([s.sign[:, J], s.v[:, J]]),
+        (33.0, 0.04),
+        lambda s: (
+            (1.0 - np.exp(-0.04 * (s.temperature[:, [J]] - 33.0)))
+            / 0.04
+            * np.column_stack([s.sign[:, J], s.v[:, J]])
+        ),
     ),
     "warm_up_drift": (
         (1.7,),
@@ -69,12 +83,7 @@ FORMULAS = {
     "presliding_hysteresis": ((0.05,), lambda s: dahl(s, 0.05)),
     "torque_ripple": ((25.0,), lambda s: np.column_stack([np.cos(25 * s.q[:, J]), np.sin(25 * s.q[:, J])])),
     "joint_spring": ((), lambda s: np.column_stack([s.q[:, J], np.ones(len(s.t))])),
-    "gravity_counterbalance": (
-        (),
-        lambda s: np.column_stack(
-            [np.sin(s.q[:, J]), np.cos(s.q[:, J]), 0 * s.t + 1, np.sin(2 * s.q[:, J]), np.cos(2 * s.q[:, J])]
-        ),
-    ),
+    "gravity_counterbalance": ((4.0, 0.3), lambda s: balancer(s.q[:, J], 4.0, 0.3)),
     "cross_coupling": ((2.0,), lambda s: np.column_stack([s.v[:, 2], s.sign[:, 2], s.a[:, 2]])),
     "wear": ((0.004, 1.3), lambda s: friction(s)[:, 5:]),
     "friction_temperature": ((0.02, 0.001, 1.3, 41.0), lambda s: warming(s, 0.02, 0.001, 1.3, 41.0)),

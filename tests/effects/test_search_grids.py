@@ -82,7 +82,8 @@ def test_the_other_grids_scale_with_what_they_are_about():
     backlash = load_effect("backlash").shapes(signals, 0)[:, 0]
     assert backlash == pytest.approx([1.2, 4.0, 12.0], rel=1e-6)  # the load's standard deviation is 40
     assert load_effect("warm_up_drift").shapes(signals, 0)[:, 0] == pytest.approx([1.0, 3.0, 10.0, 30.0])
-    assert load_effect("temperature_dependent_friction").shapes(signals, 0) == pytest.approx(32.0)
+    warm = load_effect("temperature_dependent_friction").shapes(signals, 0)
+    assert warm[:, 0] == pytest.approx(32.0) and warm[0, 1] < 0.01 < 0.06 < warm[-1, 1]
 
 
 @pytest.mark.parametrize(

@@ -99,14 +99,18 @@ def test_a_gear_for_small_loads_may_be_softer():
     [
         ("friction_wear_temperature", (0.3, 0.0, 0.004, 1.0)),
         ("joint_spring", ()),
-        ("gravity_counterbalance", ()),
+        ("gravity_counterbalance", (3.0, 0.25)),
         ("inertial_error", ()),
     ],
 )
 def test_what_an_effect_contains_is_in_its_span(outer, shape, signals):
     """At the contained one's shape that belongs to the outer one's."""
     effect = EFFECTS[outer].for_robot(3)
-    inner_shapes = {"stribeck": (0.3, 1.0), "temperature_dependent_friction": (33.0,), "wear": (0.004, 1.0)}
+    inner_shapes = {
+        "stribeck": (0.3, 1.0),
+        "temperature_dependent_friction": (33.0, 0.0),
+        "wear": (0.004, 1.0),
+    }
     span = effect.columns(signals, 1, np.array(shape, dtype=float)).reshape(len(signals.t), -1)
     if effect.spread:
         span = effect.columns(signals, 1, np.zeros(0)).reshape(-1, len(effect.coefficients))
@@ -124,11 +128,29 @@ def test_what_an_effect_contains_is_in_its_span(outer, shape, signals):
 
 def test_a_joint_spring_is_not_contained_in_a_counterbalance(signals):
     signals.q[:] *= 4.0
-    span = EFFECTS["gravity_counterbalance"].columns(signals, 1, np.zeros(0))
+    span = EFFECTS["gravity_counterbalance"].columns(signals, 1, np.array([3.0, 0.25]))
     x = signals.q[:, 1]
     left = x - span @ np.linalg.lstsq(span, x, rcond=None)[0]
     assert np.linalg.norm(left) > 0.02 * np.linalg.norm(x)
     assert "joint_spring" not in EFFECTS["gravity_counterbalance"].contains
+
+
+@pytest.mark.parametrize(("angle", "ratio", "free"), [(0.7, 0.25, 0.6), (4.0, 0.45, 0.9), (2.0, 0.1, 0.0)])
+def test_a_spring_between_two_pins_is_a_counterbalance(signals, angle, ratio, free):
+    """Its torque is the derivative of its energy by the position."""
+
+    def energy(q):
+        length = np.hypot(np.cos(angle) - ratio * np.cos(q), np.sin(angle) - ratio * np.sin(q))
+        return 40.0 * (length - free) ** 2
+
+    signals.q[:] *= 4.0
+    effect, q = EFFECTS["gravity_counterbalance"], signals.q[:, 1]
+    torque = (energy(q + 1e-5) - energy(q - 1e-5)) / 2e-5
+    span = effect.columns(signals, 1, np.array([angle, ratio]))
+    beta = np.linalg.lstsq(span, torque, rcond=None)[0]
+    assert np.abs(torque - span @ beta).max() < 1e-6 * np.abs(torque).max()
+    assert beta[2] == pytest.approx(0.0, abs=1e-6 * np.abs(torque).max())
+    assert beta[3] == pytest.approx(-80.0 * free * ratio**2, rel=1e-4, abs=1e-4)
 
 
 def test_standard_effects_are_those_of_a_plain_joint():
@@ -178,7 +200,7 @@ def test_a_refinement_waits_for_its_parent():
 def test_complexity_counts_coefficients_and_fitted_shapes():
     counts = {
         "coulomb": 1, "stribeck": 2, "concave_viscous": 2, "torque_ripple": 3, "cross_coupling": 1,
-        "temperature_dependent_friction": 1, "warm_up_drift": 2, "backlash": 2, "payload_error": 4,
+        "temperature_dependent_friction": 2, "warm_up_drift": 2, "backlash": 2, "payload_error": 4,
     }  # fmt: skip
     for name, count in counts.items():
         assert EFFECTS[name].complexity(EFFECTS[name].subsets()[0]) == count, name

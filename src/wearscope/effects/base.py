@@ -22,6 +22,7 @@ from wearscope.effects.effect import (
 )
 from wearscope.effects.kinds import (
     ArmatureEffect,
+    BalancerEffect,
     BodyEffect,
     FrictionLaw,
     InertialEffect,
@@ -33,7 +34,7 @@ from wearscope.effects.kinds import (
 )
 from wearscope.effects.own_effect import load_installed_effect, load_own_effect
 from wearscope.effects.parameter import Parameter
-from wearscope.effects.rows import ROW, Plant, Term, compile_row, decay
+from wearscope.effects.rows import ROW, Plant, Term, compile_row, decay, saturate
 from wearscope.effects.signals import Signals
 from wearscope.errors import InputError
 
@@ -54,6 +55,7 @@ __all__ = [
     "TIME",
     "WEAR",
     "ArmatureEffect",
+    "BalancerEffect",
     "BodyEffect",
     "Effect",
     "FrictionLaw",
@@ -70,6 +72,7 @@ __all__ = [
     "compile_row",
     "decay",
     "load_effect",
+    "saturate",
 ]
 
 

@@ -243,9 +243,14 @@ class Effect:
             return self.pack({})[1][None, :]
         return np.atleast_2d(self.search(signals, joint))
 
-    def estimated_shapes(self) -> list[int]:
-        """Return the indices of the shape parameters that are estimated from data."""
-        return [k for k, p in enumerate(self.shape) if p.estimated]
+    def shape_of(self, subset: Iterable[int]) -> tuple[Parameter, ...]:
+        """Return the shape parameters on which the regressors of a subset of coefficients depend."""
+        shaped = [self.coefficients[k].shaped for k in subset]
+        return self.shape if any(shaped) or not shaped else ()
+
+    def estimated_shapes(self, subset: Iterable[int] = ()) -> list[int]:
+        """Return the indices of the shape parameters that are estimated with a subset of coefficients."""
+        return [k for k, p in enumerate(self.shape_of(subset)) if p.estimated]
 
     def width(self, signals: Signals, joint: int, shape: Sequence[float]) -> float:
         """Return the half width of the search for the first estimated shape parameter, in its logarithm [-].
@@ -254,9 +259,14 @@ class Effect:
         """
         return SEARCH_WIDTH
 
+    def count_alternatives(self, shapes: int) -> float:
+        """Return the number of alternatives among a number of shapes; neighbours may hardly differ."""
+        return float(shapes)
+
     def complexity(self, subset: Iterable[int]) -> int:
         """Return the number of fitted values: the coefficients of a subset, and the searched shapes."""
-        return len(list(subset)) + (0 if self.search is None else len(self.estimated_shapes()))
+        chosen = list(subset)
+        return len(chosen) + (0 if self.search is None else len(self.estimated_shapes(chosen)))
 
     def subsets(self) -> list[np.ndarray]:
         """Return the indices of the coefficients of each variant."""

@@ -211,17 +211,37 @@ class MeasurementEffect(Effect):
 
 
 @dataclass(frozen=True)
-class WaveEffect(Effect):
-    """Waves over the joint's position: as many to a turn as gravity has, or of a wavenumber that is fitted.
+class BalancerEffect(Effect):
+    """Balancer whose first shape parameter is the position at which its pins are aligned.
 
-    A fitted wavenumber is the first shape parameter. The search takes the wavenumbers to try from a spectrum
-    of the residual over position.
+    Attributes
+    ----------
+    step : float
+        Of the angles that are tried [rad].
+    """
+
+    step: float = 0.0
+
+    def count_alternatives(self, shapes: int) -> float:
+        """Return the number of shapes of which the angles are a quarter turn apart."""
+        return shapes * min(1.0, self.step / (np.pi / 2.0))
+
+    def width(self, signals: Signals, joint: int, shape: Sequence[float]) -> float:
+        """Return the half width of the search for the angle, in its logarithm [-]."""
+        return self.step / float(shape[0])
+
+
+@dataclass(frozen=True)
+class WaveEffect(Effect):
+    """Waves over the joint's position, with a wavenumber that is fitted, the first shape parameter.
+
+    The search takes the wavenumbers to try from a spectrum of the residual over position.
     """
 
     @property
     def repeatable(self) -> bool:
         """Whether a joint can have the effect several times: once for each wavenumber."""
-        return bool(self.shape)
+        return True
 
     def width(self, signals: Signals, joint: int, shape: Sequence[float]) -> float:
         """Return the half width of the search for the wavenumber, in its logarithm [-]."""

@@ -26,6 +26,8 @@ class Parameter:
         effect's file states the source.
     believable_prismatic : tuple of (float, float) or None
         The same for a prismatic joint; None for `believable`.
+    shaped : bool
+        Of a coefficient, whether its regressor depends on the effect's shape parameters.
     travel, travel_prismatic : float
         Largest believable product of the value and the RMS of the joint's load [rad or m]. At a joint with
         small loads it allows values above `believable`.
@@ -37,6 +39,7 @@ class Parameter:
     upper: float = np.inf
     default: float = 0.0
     estimated: bool = True
+    shaped: bool = True
     believable: tuple[float, float] | None = None
     believable_prismatic: tuple[float, float] | None = None
     travel: float = 0.0

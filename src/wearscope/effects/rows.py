@@ -88,6 +88,12 @@ def decay(ratio, power):
     return np.exp(-(ratio if power == 1.0 else ratio**power))
 
 
+@njit(types.float64(types.float64, types.float64), cache=True)
+def saturate(change, rate):
+    """Return ``(1 - exp(-rate change)) / rate``, or the change itself at a rate of 0."""
+    return -np.expm1(-rate * change) / rate if rate > 0.0 else change
+
+
 _MATRIX = types.Array(types.float64, 2, "C")
 
 

@@ -30,8 +30,7 @@ PARAMETERS = {
     "eta7": "low-speed friction of wear", "eta8": "its speed",
     "eta9": "viscous friction of wear",
     "alpha": "an exponent of low-speed friction", "sine1": "amplitude of the sine of position",
-    "cosine1": "amplitude of the cosine of position", "sine2": "amplitude of the sine of twice the position",
-    "cosine2": "amplitude of the cosine of twice the position",
+    "cosine1": "amplitude of the cosine of position",
 }  # fmt: skip
 #: Beginning of the name of a change, up to the joint, where it differs from the effect's own name.
 _CHANGES = {"payload_error": "weight on the link of"}

@@ -73,7 +73,7 @@ def list_candidates(
                 continue
             if isinstance(effect, MeasurementEffect):
                 candidate: Candidate | None = problem.measurement_candidate(effect, joint, fit)
-            elif isinstance(effect, WaveEffect) and effect.shape:
+            elif isinstance(effect, WaveEffect):
                 candidate = problem.periodic_candidate(effect, joint, fit.leave(joint))
             else:
                 candidate = problem.candidate(effect, joint)
@@ -122,15 +122,21 @@ def _list_at(model: Model, joint: int, wanted: Callable[[Effect, int], bool] | N
     """Extensions at one joint, as `list_extensions` has them."""
     by_run = model.problem.layout.folds.by_run
     candidates = list_candidates(model, [joint], wanted)
-    tried = sum(
-        1.0 if c.effect.standard else len(c.shapes) * c.tried * len(list_subsets(c.effect, by_run))
-        for c in candidates
-    )
+    tried = sum(_count_alternatives(c, list_subsets(c.effect, by_run)) for c in candidates)
     return [
         make_extension(model, c, subset, tried)
         for c in candidates
         for subset in list_subsets(c.effect, by_run)
     ]
+
+
+def _count_alternatives(candidate: Candidate, subsets: Sequence[tuple[int, ...]]) -> float:
+    """Alternatives that a candidate is: one where every joint may have the effect, else shapes by subset."""
+    effect = candidate.effect
+    if effect.standard:
+        return 1.0
+    shapes = effect.count_alternatives(len(candidate.shapes)) * candidate.tried
+    return sum(shapes if effect.shape_of(subset) or not effect.shape else 1.0 for subset in subsets)
 
 
 def make_extension(

@@ -29,6 +29,8 @@ TOP = 8
 _PAIRS = 6
 #: Largest number of moves; far more than any model of a robot has terms.
 _MOST = 200
+#: Rounds in which the numbers of a shape are refined in turn.
+_ROUNDS = 2
 #: Relative change of a reversal's width from which columns are computed again.
 _SETTLED = 0.01
 _NO_DELAY = "no delay: it differs away from reversals or at low frequencies"
@@ -414,10 +416,10 @@ def refine_shape(given: Model, term: Term) -> Term:
     effect, joint, problem = term.effect, term.joint, given.problem
     if effect.search is None or effect.selects_signals or effect.empirical:
         return term
+    if not effect.shape_of(term.subset):
+        return term
     grid = effect.shapes(problem.joined, joint)
-    first = effect.estimated_shapes()
-    # The estimated parameter is refined once more, after the others.
-    others = [k for k in map(int, np.flatnonzero(np.ptp(grid, axis=0) > 0)) if k not in first]
+    estimated = effect.estimated_shapes(term.subset)
     shape = np.array(term.model_term.shape)
 
     def make(tried: np.ndarray) -> Term:
@@ -431,11 +433,11 @@ def refine_shape(given: Model, term: Term) -> Term:
     start = lose(shape)
     least = start
     # The search is in the logarithm, so parameters that may be zero or negative stay as they are.
-    for k in [*first[:1], *others, *(first[:1] if others else [])]:
-        if not (grid[:, k].min() > 0.0 and shape[k] > 0.0):
-            continue
+    varied = (np.ptp(grid, axis=0) > 0.0) & (grid.min(axis=0) > 0.0) & (shape > 0.0)
+    free = [k for k in sorted(range(len(shape)), key=lambda k: k not in estimated) if varied[k]]
+    for k in free * (_ROUNDS if len(free) > 1 else 1):
         low, high = np.log(grid[:, k].min() / shape[k]), np.log(grid[:, k].max() / shape[k])
-        if k in first:
+        if k in estimated[:1]:
             width = effect.width(problem.joined, joint, shape.tolist())
             low, high = np.clip((low, high), -width, width)
         unit = np.arange(len(shape)) == k

@@ -22,7 +22,7 @@ from wearscope.closed_loop.inference.layout import Layout
 from wearscope.closed_loop.inference.policy import Policy
 from wearscope.closed_loop.inference.problem import Problem
 from wearscope.closed_loop.inference.term import Term
-from wearscope.effects.base import WaveEffect
+from wearscope.effects.base import BalancerEffect, WaveEffect
 
 #: Nats by which a name must raise the score, on top of its prior odds; prior odds for what every drive has.
 SURELY = 1.0
@@ -184,7 +184,7 @@ class Score:
         """Coefficients of a term, and what its shape counts as."""
         if term.effect.empirical:
             return max(2.0, _SPLINE * len(term.subset))
-        return len(term.subset) + _SHAPE * len(term.model_term.shape)
+        return len(term.subset) + _SHAPE * len(term.effect.shape_of(term.subset))
 
     def odds(self, term: Term) -> float:
         """Prior odds against a term whatever its torque, in nats; negative for what every drive has."""
@@ -229,7 +229,7 @@ def _resembles_drift(fit: Fit, term: Term) -> float:
 def _poses_as_balancer(model: Model, term: Term) -> bool:
     """Whether a spring takes gravity's load off its joint, for which balancers are built."""
     effect = term.effect
-    if isinstance(effect, WaveEffect) or not effect.is_by_position:
+    if isinstance(effect, BalancerEffect | WaveEffect) or not effect.is_by_position:
         return False
     gravity = model.problem.gravity(term.joint)
     torque = term.at_joint(term.joint) @ model.fit.coefficients(term)

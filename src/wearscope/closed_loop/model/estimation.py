@@ -149,7 +149,7 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes():
+        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes(entry.subset):
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])
@@ -286,7 +286,7 @@ def estimate(model: Regression, unnamed: bool = True, most_rows: float = np.inf)
             if entry.effect.empirical and told[index] < _INFORMED * told[span].max():
                 continue
             intervals[name] = (values[name] - float(width[index]), values[name] + float(width[index]))
-        for k, parameter in enumerate(entry.effect.shape):
+        for k, parameter in enumerate(entry.effect.shape_of(entry.subset)):
             values[parameter.name] = float(entry.shape[k])
             if (i, k) in owners:
                 index = model.p + owners.index((i, k))
@@ -336,7 +336,7 @@ def draw_parameters(
             own = dict(
                 zip([entry.effect.coefficients[k].name for k in entry.subset], theta[span], strict=True)
             )
-            for k, parameter in enumerate(entry.effect.shape):
+            for k, parameter in enumerate(entry.effect.shape_of(entry.subset)):
                 value = entry.shape[k]
                 if (i, k) in joint.owners:
                     value += away[model.p + joint.owners.index((i, k))]
