@@ -1,6 +1,7 @@
 """What a new user's recordings are, from CSV to the answer: each kind on machines of two sizes."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import yaml
 from recorded_chain import Bench, chain, rub, torque_of
 
 from wearscope.closed_loop.intake.pushes import find_pushes
-from wearscope.starters.columns import find_groups
+from wearscope.errors import InputError
+from wearscope.starters.columns import find_groups, find_time
+from wearscope.starters.mapped import Mapped, choose_groups
 
 #: Torque of a chain with friction and noise.
 LOAD = torque_of(1.2, 0.3, 0.4, noise=0.02)
@@ -151,6 +154,28 @@ def test_a_slide_may_have_words_of_its_own():
     columns = ["Zeit [s]", "Winkel_A1 [°]", "Weg_Z [mm]", "Moment_A1 [Nm]", "Kraft_Z [N]"]
     found = [find_groups(columns, ["A1", "Z"], kind)[0].columns for kind in ("position", "torque")]
     assert found == [tuple(columns[1:3]), tuple(columns[3:])]
+
+
+def test_a_unit_may_tell_the_kind_at_one_joint_and_a_word_at_another():
+    columns = ["us", "Slew angle (deg)", "Boom angle (deg)", "Extension (m)", "Slew moment (kNm)"]
+    columns += ["Boom moment (kNm)", "Extension force (kN)"]
+    joints = ["slew", "boom", "extension"]
+    found = [find_groups(columns, joints, kind) for kind in ("position", "torque")]
+    assert [[group.columns for group in one] for one in found] == [
+        [tuple(columns[1:4])],
+        [tuple(columns[4:])],
+    ]
+    assert find_groups(columns, joints, "position")[0].factors.tolist() == [np.pi / 180, np.pi / 180, 1.0]
+    assert find_time(columns) == ("us",)
+
+
+def test_a_file_that_names_every_joint_is_not_taken_for_one_joint_s():
+    """The two names differ in words that tell nothing, so that they make no set."""
+    columns = ["t", "slew lower angle", "boom upper angle"]
+    with pytest.raises(
+        InputError, match=r"no column of positions is found for each of slew, boom; name them"
+    ):
+        choose_groups(Path("log.csv"), columns, ["slew", "boom"], Mapped())
 
 
 @pytest.mark.parametrize(("place", "told"), [(0.7, True), (0.0, False)])

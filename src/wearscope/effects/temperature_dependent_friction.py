@@ -1,7 +1,7 @@
 """Friction that changes with the recorded temperature, as the lubricant's viscosity does.
 
-Viscosity falls exponentially, by 2 to 6 % per kelvin in usual oils. Over a few kelvins, or with a rate of 0, the
-change is linear. A slope is that at the reference temperature.
+Viscosity falls exponentially, by 2 to 6 % per kelvin in usual oils. Over a few kelvins, or with a rate of 0,
+the change is linear. A slope is that at the reference temperature.
 """
 
 from collections.abc import Mapping

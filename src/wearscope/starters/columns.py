@@ -64,7 +64,8 @@ _TIME = set(
     "t ts time timestamp stamp clock utc datetime date epoch elapsed duration zeit zeitstempel temps tiempo "
     "ipoc".split()
 )
-_SECONDS = set("sec secs second seconds sekunden".split())
+#: Units of time, which may be all of a clock's name.
+_CLOCKS = set("sec secs second seconds sekunden ms millis milliseconds us micros microseconds ns".split())
 #: Revolutions per minute, as makers of drives write them.
 _TURNS_A_MINUTE = re.compile(r"(1|u|r|rev|turns?)/min|min-1|min\^-1")
 #: Factor from a unit in a column's name to rad or m, rad/s, N m or N, and A. A share of a rated value has the
@@ -279,7 +280,7 @@ def find_groups(
             by_name.setdefault(tuple(words), {})[0] = column
     found = _complete(by_number, by_name, len(joints))
     if not found:
-        # A set may mix synonyms: the torque of a prismatic joint is named a force.
+        # A set may mix words of a kind: the torque of a prismatic joint is named a force.
         found = _complete(_merge(by_number), _merge(by_name), len(joints))
     if not found and set(joints) < set(movable):
         return [_pick(one, joints, movable) for one in find_groups(columns, movable, kind)]
@@ -295,10 +296,13 @@ def _pick(whole: Group, joints: Sequence[str], movable: Sequence[str]) -> Group:
 
 
 def _merge(taken: _Taken) -> _Taken:
-    """Merge sets whose words differ only by synonyms of one kind; the first column of a joint is kept."""
+    """Merge sets whose words differ only by words of the kind; the first column of a joint is kept.
+
+    A name may have none, as its unit tells the kind: ``Boom angle (deg)`` and ``Extension (m)``.
+    """
     merged: _Taken = {}
     for words, own in taken.items():
-        other = merged.setdefault(tuple(_KIND.get(word, word) for word in words), {})
+        other = merged.setdefault(tuple(word for word in words if word not in _KIND), {})
         other |= {joint: column for joint, column in own.items() if joint not in other}
     return merged
 
@@ -433,7 +437,7 @@ def find_time(columns: Sequence[str]) -> tuple[str, ...]:
     seconds = [c for c, text in parts.items() if text.endswith(("sec", "secs")) and c not in nanos]
     if seconds and nanos:
         return seconds[0], nanos[0]
-    exact = [c for c, w in words.items() if w and (w[0] in _TIME or w[0] in _SECONDS) and len(w) <= 2]
+    exact = [c for c, w in words.items() if w and (w[0] in _TIME or w[0] in _CLOCKS) and len(w) <= 2]
     loose = [c for c, w in words.items() if set(w) & (_TIME - {"t"})]
     last = [c for c, w in words.items() if w[-1:] == ["t"]]
     ticks = [c for c, w in words.items() if set(w) & {"tick", "ticks"}]

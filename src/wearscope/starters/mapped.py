@@ -13,7 +13,7 @@ import pandas as pd
 
 from wearscope.errors import InputError
 from wearscope.robots.servos import ServoFields
-from wearscope.starters.columns import KINDS, Group, find_groups, match_pattern
+from wearscope.starters.columns import KINDS, Group, find_groups, match_pattern, name_joints
 from wearscope.starters.servos import choose_servo_groups
 
 #: Effects that a new data set declares where the user names none.
@@ -142,7 +142,9 @@ def choose_groups(
             groups[kind] = found[0]
     told = f"the columns are {', '.join(columns[:30])}"
     if "position" not in groups:
-        if len(joints) > 1 and find_groups(columns, joints[:1], "position"):
+        # A file whose columns name several joints is not the file of one.
+        several = len(joints) == 1 or len(name_joints(columns, joints)) > 1
+        if not several and find_groups(columns, joints[:1], "position"):
             raise InputError(
                 f"{file}: has the columns of one joint, and the URDF moves {', '.join(joints)}; put joints "
                 f"that move together side by side in one file, as q_{joints[0]}, q_{joints[1]}, or give "

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from changed_fields import changed_fields
 from folders import fit_problem
-from recorded_chain import Bench, torque_of
+from recorded_chain import Bench, rub, torque_of
+from urdf_texts import Joint, describe_robot
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.diagnostics.loads import tell_loads
@@ -133,6 +134,40 @@ def test_a_payload_of_unknown_mass_is_told_by_its_moments(tmp_path):
     (note,) = [note for note in diagnose(tmp_path / "d").verdict["notes"] if note.startswith(LOAD)]
     moments = re.search(r"unknown mass, with moments of (\S+), (\S+), (\S+) kg m about the frame of j1", note)
     assert [float(m) for m in moments.groups()] == pytest.approx([0.12, 0.0, 0.06], abs=0.01)
+
+
+def test_a_moment_that_only_acts_with_an_unknown_mass_is_unknown_too(tmp_path):
+    """A plate turns on a cradle that tilts; a body's height on it acts together with its mass."""
+    bodies = [(0, 4.0, (0.0, 0.02, 0.1)), (1, 2.0, (0.02, 0.03, 0.05)), (1, 1.2, (0.12, 0.08, 0.2))]
+
+    def place(q, link, at):
+        """Position (N, 3) of a point of a link."""
+        c, s = np.cos(q), np.sin(q)
+        x, y, z = (np.full(len(q), one) for one in at)
+        if link:
+            x, y, z = c[:, 1] * x - s[:, 1] * y, s[:, 1] * x + c[:, 1] * y, z + 0.15
+        return np.column_stack([x, c[:, 0] * y - s[:, 0] * z, s[:, 0] * y + c[:, 0] * z])
+
+    def torque(q, v, a, rng, t):
+        step, tau = 1e-4, rub(v, 0.3, 0.2) + rng.normal(0, 0.01, q.shape)
+        for link, mass, at in bodies:
+            before, now, after = (place(q + v * s + 0.5 * a * s**2, link, at) for s in (-step, 0.0, step))
+            force = mass * ((after - 2.0 * now + before) / step**2 + [0.0, 0.0, 9.81])
+            for j, way in enumerate(step * np.eye(2)):
+                tau[:, j] += np.sum(force * (place(q + way, link, at) - now) / step, axis=1)
+        return tau
+
+    bench = Bench(tmp_path, 2, size=0.8, rate=100.0, seconds=8.0, runs=4, frequencies=(0.2, 0.5, 0.9))
+    small = {"moments": "1e-5 1e-5 1e-5", "limits": "-3.1 3.1 900 9"}
+    cradle = Joint("j1", "1 0 0", 4.0, com="0 0.02 0.1", at="0 0 0", **small)
+    plate = Joint("j2", "0 0 1", 2.0, com="0.02 0.03 0.05", at="0 0 0.15", **small)
+    (tmp_path / "arm.urdf").write_text(describe_robot(cradle, plate))
+    bench.record(torque).accept()
+    (note,) = [note for note in diagnose(tmp_path / "d").verdict["notes"] if note.startswith(LOAD)]
+    moments = re.search(r"unknown mass, with moments of (\S+), (\S+), (\S+) kg m about the frame of j2", note)
+    assert moments, note
+    assert [float(m) for m in moments.groups()[:2]] == pytest.approx([0.144, 0.096], abs=0.01)
+    assert moments[3] == "unknown"
 
 
 def test_friction_by_another_load_than_the_model_s_says_so(record, carry):

@@ -87,13 +87,12 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         free = max(len(mass) - 2, 1)
         squares = {len(mass): 0.25 * float(np.mean(error**2)), free: float(apart @ apart) / free}
         wide = max(stats.t.ppf(0.975, dof) * np.sqrt(one * each_way) for dof, one in squares.items())
-        heavy = ", ".join(np.array(files)[heavier])
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
         # As many decimals as the interval's first significant digit needs.
         decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))
         low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
         told = (
-            f"{_DIFFERS}, {heavy} with {middle} kg ({low} to {high}) more than "
+            f"{_DIFFERS}, {', '.join(np.array(files)[heavier])} with {middle} kg ({low} to {high}) more than "
             f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
         )
     return [f"{told}. State each run's payload, or leave out the runs with another load."]
@@ -143,10 +142,10 @@ def tell_masses(after: Regression, most_rows: float) -> tuple[list[str], str]:
     shares = _share_links(after)
     alike = [int(k) for k in np.argsort(-shares) if shares[k] >= _ALIKE]
     if not alike:
-        sizes = ", ".join(f"{joints[j]} {100 * change[j]:.0f} %" for j in far)
         return [joints[j] for j in far], (
             f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
-            f"link explains that: {sizes}. Either {_CAUSES}"
+            f"link explains that: {', '.join(f'{joints[j]} {100 * change[j]:.0f} %' for j in far)}. "
+            f"Either {_CAUSES}"
         )
     told, of_payload = _tell_body(after, alike[0], most_rows)
     removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
@@ -180,26 +179,34 @@ def _tell_body(after: Regression, link: int, most_rows: float) -> tuple[str, boo
     prepared, n = after.prepared, after.prepared.n
     effect = load_effect("inertial_error").for_robot(n)
     body = ModelTerm(effect, link, (), tuple(range(10 * link, 10 * link + 10)))
-    trusted = Regression(prepared, after.entries, after.sigma, False, after.blocks)
-    found = estimate(refit(trusted, [*after.entries, body]), most_rows=most_rows)[-1]
-    names = [effect.coefficients[k].name for k in body.subset[:4]]
-    values = np.array([found.values[name] for name in names])
-    ends = np.array([found.intervals[name] for name in names])
+    model = refit(
+        Regression(prepared, after.entries, after.sigma, False, after.blocks), [*after.entries, body]
+    )
+    own = model.spans[-1]
+    # The prior is that of a URDF's errors. Where a body exceeds it, what only the prior tells is less sure.
+    prior, values = np.diag(model.inertial_prior)[own], model.solve()[own]
+    excess = max(float(np.max(prior * values**2)) - 1.0, 0.0)
+    more = stats.norm.ppf(0.975) * np.sqrt(excess * np.linalg.inv(model.moments()[0])[own, own] ** 2 @ prior)
+    found = estimate(model, most_rows=most_rows)[-1].intervals
+    ends = (np.array(list(found.values())) + np.outer(more, [-1.0, 1.0]))[:4]
     bodies = [run.signals.rigid_body for run in prepared.runs_for("train")]
-    carries, reach = any(one.payload for one in bodies), bodies[0].reach
     # The mass is unknown where the motions do not tell it from inertia that the drives or masses may have.
     low, high = ends[0]
     weighed = not low <= 0.0 <= high
     heaviest = abs(values[0]) if weighed else max(-low, high)
     # No machine carries less than nothing, nor anything further away than the robot reaches.
-    less = high < 0.0 and not carries
-    possible = link == n - 1 and not less and np.linalg.norm(values[1:]) <= reach * heaviest
+    enough = high >= 0.0 or any(one.payload for one in bodies)
+    possible = link == n - 1 and enough and np.linalg.norm(values[1:4]) <= bodies[0].reach * heaviest
     if weighed:
         told = f"{values[0]:+.3g} kg ({low:+.3g} to {high:+.3g} if the URDF's other masses are right)"
     else:
-        some = np.where(np.abs(values[1:]) < 1e-3 * np.abs(values[1:]).max(), 0.0, values[1:])
-        told = f"unknown mass, with moments of {', '.join(f'{m:+.3g}' for m in some)} kg m about the frame "
-        told += f"of {prepared.dataset.joints[link]}"
+        some = np.where(np.abs(values[1:4]) < 1e-3 * np.abs(values[1:4]).max(), 0.0, values[1:4])
+        # Where the motions show only the sum of a moment and the mass, neither is known.
+        known = (some == 0.0) | (np.abs(some) > np.ptp(ends[1:], axis=1))
+        moments = ", ".join(f"{m:+.3g}" if k else "unknown" for m, k in zip(some, known, strict=True))
+        told = (
+            f"unknown mass, with moments of {moments} kg m about the frame of {prepared.dataset.joints[link]}"
+        )
     return told, possible
 
 
@@ -215,7 +222,6 @@ def _gather(
     after: Regression,
 ) -> list[list[_Half]]:
     """Arrays of each file's first and second half in time, as `_Half` has them, over the residual's scale."""
-    last = prepared.n - 1
     left = [p.run.measured - p.after for p in predicted]
     keep = [p.run.keep & prepared.moving for p in predicted]
     square = sum(np.sum(np.where(k, x, 0.0) ** 2, axis=0) for x, k in zip(left, keep, strict=True))
@@ -228,7 +234,9 @@ def _gather(
         parts = []
         for i in own:
             run = predicted[i].run
-            load = run.reduce_columns(effect.columns(replace(run.signals, carries=True), last, np.zeros(0)))
+            load = run.reduce_columns(
+                effect.columns(replace(run.signals, carries=True), prepared.n - 1, np.zeros(0))
+            )
             model = known.get(id(run))
             model = after.take_columns(run, find_signals(after, theta, run)) if model is None else model
             late = np.broadcast_to((run.t >= middle)[:, None], keep[i].shape)[keep[i]]
