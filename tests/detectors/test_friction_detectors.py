@@ -310,7 +310,7 @@ def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_sq
     warm = {"coulomb_slope": 3.0, "viscous_slope": 0.0, "reference": 0.0}
     law = pack_law([(load_effect("wear"), worn), (load_effect("temperature_dependent_friction"), warm)])
     nodes = np.linspace(-2.0, 2.0, 9)
-    curves = evaluate_curves(law, nodes, np.array([[7.0, 40.0], [-7.0, 40.0]]))
+    curves = evaluate_curves(*law, nodes, np.array([[7.0, 40.0], [-7.0, 40.0]]))
     np.testing.assert_allclose(curves, [s * 3.5 * nodes + 120.0 * np.sign(nodes) for s in (1.0, -1.0)])
     rng = np.random.default_rng(1)
     speed = rng.choice(nodes[nodes != 0.0], 200)
@@ -319,15 +319,15 @@ def test_a_friction_that_is_linear_in_both_is_found_in_four_steps_as_by_least_sq
     form = make_form(speed, nodes, residual, np.full((200, 1), 200**-0.5))
     start = np.array([20.0, 50.0])
     wanted, (cost,) = np.linalg.lstsq(np.column_stack([columns, np.ones(200)]), residual)[:2]
-    found = search_wear(law, nodes, form, start, 0.0, 100.0, 4)
+    found = search_wear(*law, nodes, form, start, 0.0, 100.0, 4)
     assert found == pytest.approx((FOUND, *wanted[:2], cost), rel=1e-5)
-    assert search_wear(law, nodes, form, start, 0.0, 100.0, 3)[0] == NOT_FOUND
+    assert search_wear(*law, nodes, form, start, 0.0, 100.0, 3)[0] == NOT_FOUND
     # At the end of the range the wear alone is left to find.
     for lowest, highest, end in ((0.0, 55.0, 55.0), (65.0, 100.0, 65.0)):
         rest = residual - 3.0 * end * np.sign(speed)
         wear, (cost,) = np.linalg.lstsq(np.column_stack([columns[:, 0], np.ones(200)]), rest)[:2]
         for first in (50.0, end):
-            found = search_wear(law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
+            found = search_wear(*law, nodes, form, np.array([20.0, first]), lowest, highest, 6)
             assert found == pytest.approx((FOUND, wear[0], end, cost), rel=1e-5)
 
 

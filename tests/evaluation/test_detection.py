@@ -21,10 +21,6 @@ from wearscope.surrogates.kinds.linear import fit_quadratic
 LEVELS = nominal_levels(PAPER_FACTORS)
 
 
-def find_threshold(values, weights, alarm):
-    return weighted_threshold(values, np.argsort(-values, kind="stable"), weights, alarm)
-
-
 @pytest.fixture(scope="module")
 def points():
     table = planted_test_quantities(cycles=("a",), axes=(1, 2), fdas=("A", "C"), seed=5)[0]
@@ -63,23 +59,23 @@ def test_the_threshold_of_a_normal_is_its_quantile():
     weights = np.diff(ndtr(np.concatenate([[-np.inf], edges, [np.inf]])))
     values = np.concatenate([[-6.0], 0.5 * (edges[1:] + edges[:-1]), [6.0]])
     for alarm in (0.001, 0.05, 0.5):
-        assert find_threshold(values, weights, alarm) == pytest.approx(ndtri(1 - alarm), abs=5e-3)
-        assert weights[values >= find_threshold(values, weights, alarm)].sum() <= alarm + 1e-12
+        assert weighted_threshold(values, weights, alarm) == pytest.approx(ndtri(1 - alarm), abs=5e-3)
+        assert weights[values >= weighted_threshold(values, weights, alarm)].sum() <= alarm + 1e-12
 
 
 def test_a_threshold_lies_within_the_value_at_which_the_share_is_passed():
     """Of 3, 2 and 1 with weights of 0.2, 0.3 and 0.5: three tenths are a third of the way from 3 to 2."""
     values, weights = np.array([2.0, 3.0, 1.0]), np.array([0.3, 0.2, 0.5])
     for alarm, wanted in ((0.3, 3.0 - 1.0 / 3.0), (0.2, 3.0), (0.75, 1.5), (1.0, 1.0)):
-        assert find_threshold(values, weights, alarm) == pytest.approx(wanted)
-    assert 3.0 < find_threshold(values, weights, 0.1) < 3.0 + 1e-12
+        assert weighted_threshold(values, weights, alarm) == pytest.approx(wanted)
+    assert 3.0 < weighted_threshold(values, weights, 0.1) < 3.0 + 1e-12
     # Equal values are passed together.
-    assert 3.0 < find_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.4) < 3.0 + 1e-12
-    assert find_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.6) == pytest.approx(3.0 - 2.0 * 0.2)
+    assert 3.0 < weighted_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.4) < 3.0 + 1e-12
+    assert weighted_threshold(np.array([3.0, 3.0, 1.0]), weights, 0.6) == pytest.approx(3.0 - 2.0 * 0.2)
 
 
 def test_nothing_lies_above_the_threshold_of_a_quantity_that_does_not_vary():
-    assert find_threshold(np.full(5, 2.0), np.full(5, 0.2), 0.3) > 2.0
+    assert weighted_threshold(np.full(5, 2.0), np.full(5, 0.2), 0.3) > 2.0
 
 
 def test_responses_are_the_surrogate_and_its_interval(cells):

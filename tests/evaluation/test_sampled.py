@@ -323,6 +323,6 @@ def test_one_grid_s_thresholds_are_those_of_single_ones():
         thresholds, found = detect_tabulated(null, nodes, sigmas, 0.03)
         for s, sigma in enumerate(sigmas):
             healthy, *worn = (np.interp(sigma * SPREAD, nodes, row) for row in null)
-            h = weighted_threshold(healthy, np.argsort(-healthy), weights, 0.03)
+            h = weighted_threshold(healthy, weights, 0.03)
             assert thresholds[s] == pytest.approx(h)
             assert found[s] == pytest.approx([weights[y >= h].sum() for y in worn])

@@ -114,27 +114,34 @@ def _friction(machine: Machine, temperature: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True)
-def _rub(guess: Array, level: Array, viscous: Array, width: Array, rub: Array, slope: Array) -> None:
-    """Write the friction torque at speeds `guess` into `rub` and its derivative into `slope` (all (n,))."""
-    for j in range(len(guess)):
+def _linearise(drive, v, guess, law, rotor, rub, slope, armature, torque):
+    """Linearise the friction at speeds `guess`, and write what the forward dynamics take (all (n,)).
+
+    These are the friction torque `rub`, its derivative `slope`, the armature and the torque.
+    """
+    level, viscous, width = law
+    for j in range(len(v)):
         reach = math.sqrt(guess[j] ** 2 + width[j] ** 2)
         slope[j] = level[j] * width[j] ** 2 / math.pow(reach, 3.0) + viscous[j]
         rub[j] = level[j] * guess[j] / reach + viscous[j] * guess[j]
+        armature[j] = rotor[j] + STEP * slope[j]
+        torque[j] = drive[j] - rub[j] - slope[j] * (v[j] - guess[j])
 
 
 @njit(cache=True)
-def _settle(after: Array, guess: Array, width: Array, rub: Array, slope: Array) -> tuple[bool, Array, Array]:
-    """Finish a Newton iteration, in which the speeds `guess` gave the speeds `after` (both (n,)).
+def _settle(v, acceleration, guess, width, rub, slope, after):
+    """Finish a Newton iteration, in which the speeds `guess` gave an acceleration (all (n,)).
 
-    Returns whether the speeds have converged, the next guess (n,), and the friction (n,) linearised at
-    `after`.
+    Writes the speeds `after` the step, the friction `rub` linearised there, and the next guess. Returns
+    whether the speeds have converged.
     """
-    settled, there, then = True, np.empty(len(guess)), np.empty(len(guess))
-    for j in range(len(guess)):
-        there[j] = rub[j] + slope[j] * (after[j] - guess[j])
+    settled = True
+    for j in range(len(v)):
+        after[j] = v[j] + STEP * acceleration[j]
+        rub[j] += slope[j] * (after[j] - guess[j])
         settled = settled and abs(after[j] - guess[j]) < 0.1 * width[j] + 0.01 * abs(guess[j])
-        then[j] = 0.0 if after[j] * guess[j] < 0.0 else after[j]
-    return settled, then, there
+        guess[j] = 0.0 if after[j] * guess[j] < 0.0 else after[j]
+    return settled
 
 
 def _step(
@@ -146,17 +153,13 @@ def _step(
     linear, so that its slope acts like armature in the forward dynamics. An iterate whose sign changes is
     set to zero, because the friction law is steep there.
     """
-    level, viscous, width = law
-    guess, rub, slope = v, np.empty_like(v), np.empty_like(v)
+    guess, (rub, slope, armature, torque, after) = v.copy(), np.empty((5, len(v)))
     for _ in range(8):
-        _rub(guess, level, viscous, width, rub, slope)
-        model.armature = rotor + STEP * slope
-        after = v + STEP * pin.aba(model, data, q, v, drive - rub - slope * (v - guess))
-        settled, then, there = _settle(after, guess, width, rub, slope)
-        if settled:
+        _linearise(drive, v, guess, law, rotor, rub, slope, armature, torque)
+        model.armature = armature
+        if _settle(v, pin.aba(model, data, q, v, torque), guess, law[2], rub, slope, after):
             break
-        guess = then
-    return after, there
+    return after, rub
 
 
 def simulate_run(
@@ -191,14 +194,14 @@ def simulate_run(
     every = round(1.0 / (RATE * STEP))
     count, n = motion.q.shape
     # The controller has feed-forward of rigid body and rotor, and critically damped feedback of 6 Hz.
-    ahead = np.array([pin.rnea(model, data, *x) for x in zip(motion.q, motion.v, motion.a, strict=True)])
-    ahead += rotor * motion.a
+    rigid = pin.rneaInParallel(1, pin.ModelPool(model, 1), motion.q.T, motion.v.T, motion.a.T)
+    ahead = rigid.T + rotor * motion.a
     bandwidth = 2 * np.pi * 6.0
     weight = np.diag(pin.crba(model, data, np.asarray(machine.centre))) + rotor
     stiff, damp = weight * bandwidth**2, weight * 2 * bandwidth
     width = 2e-4 * np.asarray(machine.speed)
     q, v = motion.q[0].copy(), motion.v[0].copy()
-    passed = ahead[0].copy()
+    passed = ahead[0, 1]
     command = ahead[0].copy()
     out = {key: np.empty((-(-count // every), n)) for key in ("q", "v", "tau", "secret", "temperature")}
     temperature = np.full(n, start)
@@ -213,7 +216,7 @@ def simulate_run(
         level = coulomb.copy()
         extra = np.zeros(n)
         if secret == "load_dependent_friction":
-            level[1] += gain * 0.045 * abs(passed[1])
+            level[1] += gain * 0.045 * abs(passed)
         else:
             extra[1] = gain * _gas_spring(q[1])[0]
         if i % every == 0:
@@ -222,7 +225,7 @@ def simulate_run(
             out["secret"][row] = extra + (level - coulomb) * v / np.sqrt(v**2 + width**2)
             out["temperature"][row] = temperature
         after, rub = _step(model, data, rotor, q, v, command - extra, (level, viscous, width))
-        passed = command - extra - rub - rotor * (after - v) / STEP
+        passed = command[1] - extra[1] - rub[1] - rotor[1] * (after[1] - v[1]) / STEP
         v = after
         q = q + STEP * v
     return {"t": motion.t[::every]} | out

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
 
 from wearscope.designs.factors import (
@@ -211,14 +212,14 @@ def _fractional_factorial(factors: Sequence[Factor], options: dict[str, Any], se
 
 def _latin_hypercube(factors: Sequence[Factor], options: dict[str, Any], seed: int) -> Array:
     """Draw a Latin hypercube over the whole range of the factors."""
-    from scipy.stats import qmc  # here, because importing it takes a second
-
     points = int(options.get("points", 45))
     if points < 2:
         raise InputError(f"design: points is {points}; give at least 2.")
     _refuse_many(points)
     rng = generator_for(seed, "latin_hypercube", options.get("stream", "identification"))
-    sampler = qmc.LatinHypercube(d=len(factors), scramble=not options.get("centred", False), rng=rng)
+    sampler = scipy.stats.qmc.LatinHypercube(
+        d=len(factors), scramble=not options.get("centred", False), rng=rng
+    )
     return np.round(CODED_LOW + (CODED_HIGH - CODED_LOW) * sampler.random(points), 12)
 
 

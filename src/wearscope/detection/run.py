@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from wearscope.closed_loop.diagnostics.forward import with_payload
 from wearscope.closed_loop.intake.dataset import Dataset
@@ -91,7 +91,7 @@ def draw_runs(
     """
     fault = next(factor for factor in factors if factor.name == FAULT)
     top = max(fault.high, 0.0)
-    levels = qmc.LatinHypercube(n, rng=generator_for(seed, "detect", "wear")).random(worn) * top
+    levels = scipy.stats.qmc.LatinHypercube(n, rng=generator_for(seed, "detect", "wear")).random(worn) * top
     wears = [np.zeros(n)] * unworn + list(levels)
     rng = generator_for(seed, "detect", "nuisances")
     scattered = {"temperature": np.zeros(len(wears)), "payload_mass_error": np.zeros(len(wears))}

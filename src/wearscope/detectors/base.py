@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, ValidationError
-from scipy.linalg import lstsq
-from scipy.ndimage import convolve1d
 
 from wearscope import plugins
 from wearscope.errors import InputError, explain_breach, tell_error
@@ -275,7 +274,7 @@ def differentiate_locally(values: Array, length: int, delta: float) -> Array:
     at = np.arange(-half, length - half, dtype=float)[::-1]
     powers = at ** np.arange(3.0)[:, None]
     weights = _solve_least_squares(powers, np.array([0.0, 1.0 / delta, 0.0]))
-    slope = convolve1d(values, weights, axis=0, mode="constant")
+    slope = scipy.ndimage.convolve1d(values, weights, axis=0, mode="constant")
     count = len(values)
     at = np.arange(length, dtype=float)
     slope[:half] = _slope_of_parabola(values[:length], at[:half]) / delta
@@ -285,7 +284,7 @@ def differentiate_locally(values: Array, length: int, delta: float) -> Array:
 
 def _solve_least_squares(matrix: Array, right: Array) -> Array:
     """Solve a least-squares problem with the rank tolerance of `numpy.polyfit`."""
-    return np.asarray(lstsq(matrix, right, cond=np.finfo(float).eps * max(matrix.shape))[0])
+    return np.asarray(scipy.linalg.lstsq(matrix, right, cond=np.finfo(float).eps * max(matrix.shape))[0])
 
 
 def _slope_of_parabola(values: Array, at: Array) -> Array:

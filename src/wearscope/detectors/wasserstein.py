@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.stats import wasserstein_distance
+import scipy
 
 from wearscope.detectors.base import Batch, check_nominal
 
@@ -35,7 +35,7 @@ class Wasserstein:
         torque = batch.tau[:, self.axis]
         if not np.isfinite(torque).all():
             raise ValueError("the batch holds torque samples that are not finite")
-        return float(wasserstein_distance(torque, self.nominal))
+        return float(scipy.stats.wasserstein_distance(torque, self.nominal))
 
 
 DETECTOR = Wasserstein

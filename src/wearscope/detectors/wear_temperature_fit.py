@@ -45,15 +45,15 @@ FOUND, NOT_TOLD_APART, NOT_FOUND = 0, 1, 2
 class Law(NamedTuple):
     """Friction law of an axis, packed: its declared effects that depend on speed, temperature and wear alone.
 
+    Their compiled rows are a list of their own. Within a tuple, numba would find out its type at every call.
+
     Attributes
     ----------
-    rows : typed.List of compiled row (m,)
     width, size, states : ndarray of int (m,)
         Number of coefficients, shape parameters and states of each effect.
     coefficients, shapes : ndarray (m, widest)
     """
 
-    rows: Any
     width: NDArray[np.int64]
     size: NDArray[np.int64]
     states: NDArray[np.int64]
@@ -82,8 +82,8 @@ class Form(NamedTuple):
     constant: float
 
 
-def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
-    """Pack effects that have compiled rows, with their parameters, into arrays."""
+def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> tuple[Any, Law]:
+    """Pack effects that have compiled rows: a typed list of the rows (m,), and their parameters in arrays."""
     packed = [effect.pack(values) for effect, values in effects]
     width, size = (np.array([len(one[k]) for one in packed], dtype=np.int64) for k in (0, 1))
     coefficients, shapes = (np.zeros((len(packed), max(one, default=0) + 1)) for one in (width, size))
@@ -91,17 +91,17 @@ def pack_law(effects: Sequence[tuple[Effect, Mapping[str, float]]]) -> Law:
         coefficients[k, : width[k]], shapes[k, : size[k]] = own_coefficients, own_shape
     states = np.array([effect.n_states for effect, _ in effects], dtype=np.int64)
     rows = [effect.row for effect, _ in effects if effect.row is not None]
-    return Law(hold_rows(tuple(rows)), width, size, states, coefficients, shapes)
+    return hold_rows(tuple(rows)), Law(width, size, states, coefficients, shapes)
 
 
 @njit(cache=True)
-def _add_worn(law, nodes, wear, temperature, factor, curve):
+def _add_worn(rows, law, nodes, wear, temperature, factor, curve):
     """Add the torque at speeds `nodes` (K,), times a factor, to a curve (K,); the wear is not negative."""
     one, zero, direction = np.zeros(1), np.zeros(1), np.zeros(1)
     worn, warm = np.full(1, wear), np.full(1, temperature)
     out = np.zeros(law.coefficients.shape[1])
     for m in range(len(law.width)):
-        row, width, states = law.rows[m], law.width[m], max(law.states[m], 1)
+        row, width, states = rows[m], law.width[m], max(law.states[m], 1)
         shape, state, next_state = law.shapes[m, : law.size[m]], np.zeros(states), np.zeros(states)
         for k in range(len(nodes)):
             one[0], direction[0] = nodes[k], np.sign(nodes[k])
@@ -129,25 +129,25 @@ def _add_worn(law, nodes, wear, temperature, factor, curve):
 
 
 @njit(cache=True)
-def _fill_curve(law, nodes, wear, temperature, curve):
+def _fill_curve(rows, law, nodes, wear, temperature, curve):
     """Fill a curve (K,) with the torque at speeds `nodes`.
 
     Its change with wear is odd: at a negative wear the added torque has the opposite sign.
     """
     curve[:] = 0.0
     if wear < 0.0:
-        _add_worn(law, nodes, 0.0, temperature, 2.0, curve)
-        _add_worn(law, nodes, -wear, temperature, -1.0, curve)
+        _add_worn(rows, law, nodes, 0.0, temperature, 2.0, curve)
+        _add_worn(rows, law, nodes, -wear, temperature, -1.0, curve)
     else:
-        _add_worn(law, nodes, wear, temperature, 1.0, curve)
+        _add_worn(rows, law, nodes, wear, temperature, 1.0, curve)
 
 
 @njit(cache=True)
-def evaluate_curves(law: Law, nodes: Array, places: Array) -> Array:
+def evaluate_curves(rows: Any, law: Law, nodes: Array, places: Array) -> Array:
     """Return the torque (m, K) at speeds `nodes` (K,), for wears and temperatures `places` (m, 2)."""
     curves = np.empty((len(places), len(nodes)))
     for k in range(len(places)):
-        _fill_curve(law, nodes, places[k, 0], places[k, 1], curves[k])
+        _fill_curve(rows, law, nodes, places[k, 0], places[k, 1], curves[k])
     return curves
 
 
@@ -219,13 +219,20 @@ def _told_apart(n11, n12, n22, size1, size2):
 
 @njit(cache=True)
 def search_wear(
-    law: Law, nodes: Array, form: Form, start: Array, lowest: float, highest: float, iterations: int
+    rows: Any,
+    law: Law,
+    nodes: Array,
+    form: Form,
+    start: Array,
+    lowest: float,
+    highest: float,
+    iterations: int,
 ) -> tuple[int, float, float, float]:
     """Find the wear and temperature of the smallest sum of squares near a start.
 
     Parameters
     ----------
-    law : Law
+    rows, law : typed.List of compiled row (m,), Law
     nodes : array (K,)
         Speeds at which the curve is evaluated.
     form : Form
@@ -245,16 +252,16 @@ def search_wear(
     here, there, work = np.empty(count), np.empty(count), np.empty(count)
     slopes = np.empty((2, count))
     wear, temperature = start[0], start[1]
-    _fill_curve(law, nodes, wear, temperature, here)
+    _fill_curve(rows, law, nodes, wear, temperature, here)
     cost, damping = _cost(form, here), 1e-3
     for _ in range(iterations):
-        _fill_curve(law, nodes, wear + STEPS[0], temperature, there)
-        _fill_curve(law, nodes, wear - STEPS[0], temperature, work)
+        _fill_curve(rows, law, nodes, wear + STEPS[0], temperature, there)
+        _fill_curve(rows, law, nodes, wear - STEPS[0], temperature, work)
         for k in range(count):
             slopes[0, k] = (there[k] - work[k]) / (2.0 * STEPS[0])
         ahead, behind = min(temperature + STEPS[1], highest), max(temperature - STEPS[1], lowest)
-        _fill_curve(law, nodes, wear, ahead, there)
-        _fill_curve(law, nodes, wear, behind, work)
+        _fill_curve(rows, law, nodes, wear, ahead, there)
+        _fill_curve(rows, law, nodes, wear, behind, work)
         for k in range(count):
             slopes[1, k] = (there[k] - work[k]) / (ahead - behind)
         n11, n12, n22, g1, g2, size1, size2 = normal_equations(form, here, slopes)
@@ -272,7 +279,7 @@ def search_wear(
                 step1, step2 = (n12 * g2 - d22 * g1) / determinant, (n12 * g1 - d11 * g2) / determinant
             wear_there = wear + step1
             temperature_there = min(max(temperature + step2, lowest), highest)
-            _fill_curve(law, nodes, wear_there, temperature_there, there)
+            _fill_curve(rows, law, nodes, wear_there, temperature_there, there)
             cost_there = _cost(form, there)
             if cost_there <= cost:
                 moved1, moved2 = wear_there - wear, temperature_there - temperature
@@ -444,7 +451,7 @@ class WearTemperatureFit:
             nodes = np.concatenate([-half[::-1], half])
             temperatures = np.linspace(self.lowest, self.temperature_limit, FIRST_TEMPERATURES)
             places = np.array([(wear, temperature) for wear in FIRST_WEARS for temperature in temperatures])
-            self.grids[top_speed] = _Grid(nodes, places, evaluate_curves(self.packed, nodes, places))
+            self.grids[top_speed] = _Grid(nodes, places, evaluate_curves(*self.packed, nodes, places))
         return self.grids[top_speed]
 
     def _trade_speeds(self, x: Array) -> Array | None:
@@ -467,7 +474,7 @@ class WearTemperatureFit:
     def _minimise(self, start: Array, nodes: Array, form: Form) -> tuple[Array, float]:
         """Return wear and temperature (2,) of the smallest sum of squares near a start, and that sum."""
         outcome, wear, temperature, cost = search_wear(
-            self.packed, nodes, form, start, self.lowest, self.temperature_limit, self.max_iterations
+            *self.packed, nodes, form, start, self.lowest, self.temperature_limit, self.max_iterations
         )
         if outcome == NOT_TOLD_APART:
             raise ValueError("the motion of the tested axis does not tell wear and temperature apart")

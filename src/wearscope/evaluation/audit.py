@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from wearscope.designs.bases import model_matrix
 from wearscope.designs.factors import (
@@ -118,7 +119,7 @@ def combine(p: NDArray[np.float64]) -> float:
     A p-value above 0.5 counts as 0.5, so that agreement in one test cannot outweigh contradiction in another.
     """
     known = np.clip(p[~np.isnan(p)], 1e-15, 0.5)
-    return float(stats.cauchy.sf(np.mean(stats.cauchy.isf(known)))) if known.size else np.nan
+    return float(scipy.stats.cauchy.sf(np.mean(scipy.stats.cauchy.isf(known)))) if known.size else np.nan
 
 
 def resample_evidence(
@@ -147,14 +148,14 @@ def _test_coverage(good: pd.DataFrame) -> float:
     outside, expected = int((~good["inside"]).sum()), 0.05 * len(good)
     variance = max(float(good["variance"].sum()), 1.001 * expected)
     size = expected**2 / (variance - expected)
-    return float(stats.nbinom.sf(outside - 1, size, size / (size + expected)))
+    return float(scipy.stats.nbinom.sf(outside - 1, size, size / (size + expected)))
 
 
 def _test_verdicts(verdicts: pd.DataFrame) -> float:
     """Return the probability that a correct surrogate disagrees in at least as many scope verdicts."""
     if verdicts.empty:
         return np.nan
-    return float(stats.poisson.sf(int((~verdicts["agrees"]).sum()) - 1, verdicts["chance"].sum()))
+    return float(scipy.stats.poisson.sf(int((~verdicts["agrees"]).sum()) - 1, verdicts["chance"].sum()))
 
 
 def _test_snr(direct: pd.DataFrame) -> float:
@@ -165,7 +166,7 @@ def _test_snr(direct: pd.DataFrame) -> float:
         return np.nan
     spread = np.hypot(rows[:, 2] - rows[:, 1], rows[:, 5] - rows[:, 4]) / (2 * special.ndtri(0.975))
     away = (rows[:, 0] - rows[:, 3]) / np.maximum(spread, 1e-12)
-    return float(stats.chi2.sf(np.sum(away**2), len(away)))
+    return float(scipy.stats.chi2.sf(np.sum(away**2), len(away)))
 
 
 AUDIT = "audit"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from wearscope.errors import InputError
@@ -50,9 +51,7 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[f
     """
     if trials == 0:
         return float("nan"), float("nan")
-    from scipy.stats import binomtest  # here, because importing it takes a second
-
-    low, high = binomtest(successes, trials).proportion_ci(level, "wilson")
+    low, high = scipy.stats.binomtest(successes, trials).proportion_ci(level, "wilson")
     return float(low), float(high)
 
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binom, rankdata
 
 from wearscope.designs.factors import FAULT, Factor, nominal_levels
 from wearscope.designs.kinds import generator_for
@@ -264,7 +264,7 @@ def _add_ranks(answers: Answers) -> None:
 
 def rank_best(snr: ArrayLike) -> Array:
     """Rank SNRs along the first axis, 1 for the largest; equal values share the better rank, NaN has none."""
-    return np.asarray(rankdata(-np.asarray(snr), "min", axis=0, nan_policy="omit"), dtype=float)
+    return np.asarray(scipy.stats.rankdata(-np.asarray(snr), "min", axis=0, nan_policy="omit"), dtype=float)
 
 
 SIDES = ("before", "after", "truth")
@@ -284,7 +284,7 @@ def withheld_cells(chosen: pd.DataFrame) -> set[tuple[str, int, str]]:
         From `wearscope.surrogates.chosen.choose_surrogates`, of all sides.
     """
     inside = np.round(chosen["inside"] * chosen["n_checking"])
-    chance = binom.cdf(inside, chosen["n_checking"], LEVEL)
+    chance = scipy.stats.binom.cdf(inside, chosen["n_checking"], LEVEL)
     rows = chosen[(chosen["inside"].notna()) & (chance < (1.0 - LEVEL) / len(chosen))]
     return {(str(row.cycle), int(row.axis), str(row.fda)) for row in rows.itertuples()}
 

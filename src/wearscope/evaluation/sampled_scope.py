@@ -42,6 +42,8 @@ WEIGHTS = np.diff(ndtr(np.concatenate([[-np.inf], 0.5 * (SPREAD[1:] + SPREAD[:-1
 #: Number of tabulated levels of a nuisance on each side of its mean; number of fault levels at which response
 #: functions are drawn.
 STEPS = 16
+#: Halvings of the range of values in the search for the largest ones.
+BISECTIONS = 6
 DRAWN_FAULTS = 11
 
 
@@ -71,13 +73,23 @@ def interpolation(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 @numba.njit(cache=True)
-def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, false_alarm: float) -> float:
+def weighted_threshold(values: Array, weights: Array, false_alarm: float) -> float:
     """Return the smallest threshold for which values at or above it have at most the weight `false_alarm`.
 
     The threshold is interpolated between the two values where the weight is exceeded; equal values are never
-    split. `order` holds the indices of the values, the largest value first.
+    split. Bisection first leaves out most of the other values, as sorting all would take most of the time.
     """
-    above = 0.0
+    low, high = values.min(), values.max()
+    for _ in range(BISECTIONS):
+        middle, above = 0.5 * (low + high), 0.0
+        for k in range(len(values)):
+            above += weights[k] if values[k] >= middle else 0.0
+        if above > false_alarm:
+            low = middle
+        else:
+            high = middle
+    largest = np.flatnonzero(~(values < low))
+    order, above = largest[np.argsort(-values[largest])], 0.0
     for place in range(len(order)):
         k = order[place]
         if above + weights[k] > false_alarm:
@@ -93,27 +105,23 @@ def weighted_threshold(values: Array, order: NDArray[np.int64], weights: Array, 
 
 
 @numba.njit(cache=True)
-def _detect_tables(
-    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float,
-    thresholds: Array, result: Array,
-) -> None:  # fmt: skip
-    """Write thresholds (S,) and P_d (S, J) of tabulated responses (1 + J, W): row 0 is H0, the others H1."""
-    count = weights.size
-    null = np.empty(count)
-    for s in range(left.shape[0]):
-        for k in range(count):
+def _detect_table(
+    values: Array, left: NDArray[np.int64], share: Array, weights: Array, false_alarm: float
+) -> tuple[Array, Array]:
+    """Return thresholds (S,) and P_d (S, J) of responses (W, 1 + J); column 0 is H0, the others are H1."""
+    null, thresholds = np.empty(len(weights)), np.empty(len(left))
+    detected = np.zeros((len(left), values.shape[1] - 1))
+    for s in range(len(left)):
+        for k in range(len(weights)):
             i = left[s, k]
-            null[k] = values[0, i] + share[s, k] * (values[0, i + 1] - values[0, i])
-        h = weighted_threshold(null, np.argsort(-null), weights, false_alarm)
-        thresholds[s] = h
-        for j in range(1, values.shape[0]):
-            detected = 0.0
-            for k in range(count):
-                i = left[s, k]
-                y = values[j, i] + share[s, k] * (values[j, i + 1] - values[j, i])
-                if y >= h:
-                    detected += weights[k]
-            result[s, j - 1] = detected
+            null[k] = values[i, 0] + share[s, k] * (values[i + 1, 0] - values[i, 0])
+        thresholds[s] = weighted_threshold(null, weights, false_alarm)
+        for k in range(len(weights)):
+            i, part, weight = left[s, k], share[s, k], weights[k]
+            for j in range(1, values.shape[1]):
+                y = values[i, j] + part * (values[i + 1, j] - values[i, j])
+                detected[s, j - 1] += weight if y >= thresholds[s] else 0.0
+    return thresholds, detected
 
 
 def detect_tabulated(
@@ -139,13 +147,10 @@ def detect_tabulated(
     p_d : array (..., S, J)
     """
     left, share = interpolation(nodes, centre + sigmas[:, None] * SPREAD)
-    tables = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
-    thresholds = np.empty((len(tables), len(sigmas)))
-    result = np.empty((*thresholds.shape, values.shape[-2] - 1))
-    for table, h, detected in zip(tables, thresholds, result, strict=True):
-        _detect_tables(table, left, share, WEIGHTS, false_alarm, h, detected)
+    tables = np.ascontiguousarray(np.swapaxes(values, -1, -2)).reshape(-1, *values.shape[:-3:-1])
+    found = [_detect_table(table, left, share, WEIGHTS, false_alarm) for table in tables]
     shape = (*values.shape[:-2], len(sigmas))
-    return thresholds.reshape(shape), result.reshape(*shape, -1)
+    return np.array([h for h, _ in found]).reshape(shape), np.array([p for _, p in found]).reshape(*shape, -1)
 
 
 class ClosedForm:

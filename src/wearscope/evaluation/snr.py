@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
@@ -170,9 +171,7 @@ _STREAMS = {True: ("snr", "snr interval"), False: ("sampled snr", "snr draws")}
 
 def normal_nodes(columns: int, nodes: int) -> Array:
     """Return standard normal quasi-random points (nodes, columns): a Sobol' sequence, fixed scrambling."""
-    from scipy.stats import qmc  # here, because importing it takes a second
-
-    sampler = qmc.Sobol(columns, rng=generator_for(0, "normal nodes", columns))
+    sampler = scipy.stats.qmc.Sobol(columns, rng=generator_for(0, "normal nodes", columns))
     inner = np.clip(sampler.random_base2(int(np.log2(nodes))), 1e-12, 1 - 1e-12)
     return special.ndtri(inner)
 

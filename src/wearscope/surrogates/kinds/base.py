@@ -36,19 +36,21 @@ class FittedSurrogate(Protocol):
         Name of the kind in tables.
     noise : float
         Standard deviation of one run about the mean response, in the unit of y.
-    left_out : array (N,)
-        Cross-validated prediction of each training value, by a fit that did not use it.
-    left_out_deviation : array (N,)
-        Standard deviation of the error of `left_out`, including noise, as the surrogate estimates it.
     parameters : dict
         Parameters from which, with the training runs, the same surrogate can be built; JSON can hold them.
     """
 
     kind: str
     noise: float
-    left_out: Array
-    left_out_deviation: Array
     parameters: dict[str, Any]
+
+    @property
+    def left_out(self) -> Array:
+        """Cross-validated prediction (N,) of each training value, by a fit that did not use it."""
+
+    @property
+    def left_out_deviation(self) -> Array:
+        """Standard deviation (N,) of the error of `left_out`, with noise, as the surrogate estimates it."""
 
     def predict(self, z: ArrayLike) -> tuple[Array, Array]:
         """Return mean response (M,) and standard deviation (M,) of that mean at coded levels (M, n)."""

@@ -12,9 +12,11 @@ not depend on the hyperparameters. This takes a fifth of the time. Rasmussen and
 for Machine Learning, 2006, eqs. (5.8), (5.9).
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.blas import dsymv
@@ -177,12 +179,25 @@ class GaussianProcess:
         covariance = self._covary(self._seen, self._seen)
         covariance[np.diag_indices_from(covariance)] += self._given.noise
         self._root = cholesky(covariance, lower=True)
-        target = (y - self.middle) / self.scale
-        self._weights = cho_solve((self._root, True), target)
-        inverse = cho_solve((self._root, True), np.eye(len(y)))
-        free = np.diag(inverse)
-        self.left_out = self.middle + self.scale * (target - (inverse @ target) / free)
-        self.left_out_deviation = self.scale / np.sqrt(free)
+        self._target = (y - self.middle) / self.scale
+        self._weights = cho_solve((self._root, True), self._target)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Inverse of the training runs' covariance (N, N); only cross-validation needs it."""
+        return cho_solve((self._root, True), np.eye(len(self._target)))
+
+    @cached_property
+    def left_out(self) -> Array:
+        """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
+        return self.middle + self.scale * (
+            self._target - self._inverse @ self._target / np.diag(self._inverse)
+        )
+
+    @cached_property
+    def left_out_deviation(self) -> Array:
+        """See `wearscope.surrogates.kinds.base.FittedSurrogate`."""
+        return self.scale / np.sqrt(np.diag(self._inverse))
 
     def _see(self, z: ArrayLike) -> Array:
         """Return coded levels (M, n) as inputs of the process, with one factor bent where it has one."""
@@ -273,8 +288,6 @@ def fit_gaussian_process(
     GaussianProcess or None
         None with too few runs or where y is constant.
     """
-    from scipy.optimize import minimize  # imported here: only a fit needs the search
-
     scale = float(y.std())
     if len(y) < z.shape[1] + 4 or scale == 0:
         return None
@@ -286,7 +299,7 @@ def fit_gaussian_process(
     target = (y - y.mean()) / scale
 
     def search(rows: slice, first: Array) -> Any:
-        return minimize(
+        return scipy.optimize.minimize(
             Likelihood(seen[rows], target[rows]), first, jac=True, bounds=bounds, method="L-BFGS-B",
             options={"maxiter": ITERATIONS, "ftol": ENOUGH},
         )  # fmt: skip
