@@ -298,7 +298,12 @@ PASSIVE = {
     "friction_wear_temperature": {
         f"eta{k}": value for k, value in enumerate((6.0, -1.0, 0.1, 0.05, 0.01, 5.0, 0.25))
     },
-    "temperature_dependent_friction": {"coulomb_slope": 0.3, "viscous_slope": -0.1, "reference": 25.0},
+    "temperature_dependent_friction": {
+        "coulomb_slope": 0.3,
+        "viscous_slope": -0.1,
+        "reference": 25.0,
+        "rate": 0.03,
+    },
     "stribeck": {"level": 4.0, "speed": 0.8, "exponent": 1.0},
     "torque_ripple": {"cosine": 1.5, "sine": -0.5, "wavenumber": 6.0},
     "load_dependent_friction": {"coefficient": 0.2},
