@@ -252,7 +252,7 @@ class Tabulated:
     def respond(self, sigma: float, x: Array) -> Array:
         """Return the responses (1 + J, M) to standard normal values (M,) of the nuisance."""
         left, share = interpolation(self.nodes, self.centre + sigma * x)
-        return self.mean[:, left] + share * (self.mean[:, left + 1] - self.mean[:, left])
+        return self.mean.take(left, axis=1) + share * np.diff(self.mean).take(left, axis=1)
 
     def find_confidence(
         self, sigmas: Array, rng: np.random.Generator, draws: int, false_alarm: float, detection: float
