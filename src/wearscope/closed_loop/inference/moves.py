@@ -414,9 +414,8 @@ def refine_shape(given: Model, term: Term) -> Term:
     term : Term
     """
     effect, joint, problem = term.effect, term.joint, given.problem
-    if effect.search is None or effect.selects_signals or effect.empirical:
-        return term
-    if not effect.shape_of(term.subset):
+    fixed = effect.selects_signals or effect.empirical or not effect.shape_of(term.subset)
+    if effect.search is None or fixed:
         return term
     grid = effect.shapes(problem.joined, joint)
     estimated = effect.estimated_shapes(term.subset)
