@@ -183,3 +183,29 @@ def test_a_joint_that_is_left_out_away_from_zero_is_told(tmp_path, place, told):
     bench = Bench(tmp_path, 2).record(LOAD, position=lambda q, k: q * [1.0, 0.0] + [0.0, place])
     said = " ".join(bench.take("--joints", "j1").output.split())
     assert (f"j2: locked at 0, but column 'q2' goes from {place:g} to {place:g} in run0.csv" in said) == told
+
+
+@pytest.mark.parametrize(("delay", "refused"), [(0.08, False), (0.15, True)])
+def test_a_delay_of_less_than_half_a_row_is_not_refused(tmp_path, delay, refused):
+    """A slow recorder's row may hold what happened since the row before it."""
+
+    def torque(q, v, a, rng, t):
+        return LOAD(q - v * delay + 0.5 * a * delay**2, v - a * delay, a, rng, t)
+
+    bench = Bench(tmp_path, 2, size=0.8, rate=5.0, seconds=150.0, frequencies=(0.05, 0.11, 0.23))
+    bench.record(torque)
+    if refused:
+        told = re.search(r"(?:come|smoothed over about) (\d+) ms", bench.refuse())
+        assert float(told[1]) == pytest.approx(1000.0 * delay, abs=30.0)
+    else:
+        bench.accept()
+
+
+@pytest.mark.parametrize(("step", "told"), [(1.0, True), (0.5, False)])
+def test_whole_numbers_without_a_unit_may_be_shares_of_a_rated_torque(tmp_path, step, told):
+    bench = Bench(tmp_path, 2, mass=40.0)
+    heavy = torque_of(40.0, 9.0, 12.0, noise=0.6)
+    notes = bench.record(lambda *at: step * np.round(heavy(*at) / step)).accept()
+    assert (
+        any("whole numbers may be per mille or counts (then --torque-constant)" in n for n in notes) == told
+    )

@@ -237,12 +237,15 @@ def read_torque(
             told = f", in {' and '.join(group.units)} by their names"
         elif group.unknown:
             told = f", in N m (N of a slide), as '{group.unknown}' is no known unit (else --torque-constant)"
+        elif not (group.units or np.any(np.mod(values["torque"], 1.0) > 0.0)):
+            told = (
+                ", in N m (N of a slide); whole numbers may be per mille or counts (then --torque-constant)"
+            )
         if constant is not None:
             factor = factor / named  # stated for one unit of the column, whatever unit its name has
             told = ", times --torque-constant"
         if mapped.torque_side == "motor":
-            ratio = take_ratios(gear, "--torque-side motor", n)
-            return values["torque"] * factor * ratio, [
+            return values["torque"] * factor * take_ratios(gear, "--torque-side motor", n), [
                 f"{file.name}: torques at the motor, times the gear ratio{told}."
             ]
         return values["torque"] * factor, [
@@ -254,6 +257,7 @@ def read_torque(
             "--gear-ratio, or --torque-constant alone where it is N m/A at the joint."
         )
     geared = gear is not None or mapped.torque_side == "motor"
-    ratio = take_ratios(gear, "--torque-side motor", n) if geared else np.ones(n)
-    told = "times --torque-constant" + (" and --gear-ratio" if geared else "")
-    return values["current"] * factor * ratio, [f"{file.name}: torques are the currents {told}."]
+    return values["current"] * factor * (take_ratios(gear, "--torque-side motor", n) if geared else 1.0), [
+        f"{file.name}: torques are the currents times --torque-constant"
+        f"{' and --gear-ratio' if geared else ''}."
+    ]

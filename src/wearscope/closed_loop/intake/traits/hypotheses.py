@@ -301,7 +301,7 @@ def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
         return
 
     def smooth(time: float) -> Reading:
-        return r.has("late", FREE + NOTE * (time < LATE), lag=time)
+        return r.has("late", FREE + NOTE * (time < _least_delay(few.rows)), lag=time)
 
     start = min(_TIMES.tolist(), key=lambda time: few.look(smooth(time)))
     yield refine(few, smooth, start, (0.4 * start, min(2.0 * start, LONGEST)), few.look(r) - r.nats)
@@ -318,7 +318,12 @@ def _propose_delays(few: Weighing, r: Reading) -> Iterator[Reading]:
 
 def _is_late(r: Reading, rows: Rows) -> bool:
     """Whether torques are behind a filter, or late or early, by so much that they are refused."""
-    return max(abs(r.lag), float(np.abs(rows.delay_of(r)).max())) >= LATE
+    return max(abs(r.lag), float(np.abs(rows.delay_of(r)).max())) >= _least_delay(rows)
+
+
+def _least_delay(rows: Rows) -> float:
+    """Shortest delay [s] that is refused; a row may hold what happened since the row before it."""
+    return max(LATE, 0.5 / rows.prepared.runs[0].band.rate)
 
 
 def _tell_delays(r: Reading, rows: Rows) -> Told | None:
@@ -353,10 +358,9 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
             "them without it, or declare time_delay, which undoes most of it where motions are slow.",
             codes,
         )
-    way = "late" if times[0] > 0.0 else "early"
     return (
-        f"the torque channels come {abs(times[0]):.0f} ms {way} against the positions; align the "
-        "channels, or declare time_delay.",
+        f"the torque channels come {abs(times[0]):.0f} ms {'late' if times[0] > 0.0 else 'early'} against "
+        "the positions; align the channels, or declare time_delay.",
         codes,
     )
 
