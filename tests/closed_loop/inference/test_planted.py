@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from benchmarks.joints import Small
 from wearscope.closed_loop.diagnosis import diagnose
+from wearscope.closed_loop.inference.problem import Problem
 
 STRIBECK = (0, "stribeck", {"level": 8.0, "speed": 0.3, "exponent": 1.0})
 #: More than the share of the coupling's torque that is taken for its form.
@@ -109,3 +110,18 @@ def test_names_that_share_what_an_effect_of_unbelievable_size_is_are_none(tmp_pa
     assert [e["effect"] for e in verdict["verdict"] if e["joint"] == joint] == []
     assert verdict["joints"][joint]["state"] == "unexplained"
     assert f"{planted['effect']} would explain it" in verdict["joints"][joint]["reason"]
+
+
+def test_a_name_next_to_an_effect_of_unbelievable_size_stays(record, monkeypatch):
+    """A gear that is softer than gears are here; what else would share its torque has no name."""
+    bounds = Problem.bounds
+    stiff = lambda problem, term: (  # noqa: E731
+        [(0.0, 1e-6)] if term.effect.name == "joint_elasticity" else bounds(problem, term)
+    )
+    monkeypatch.setattr(Problem, "bounds", stiff)
+    lag = (0, "presliding_hysteresis", {"level": 6.0, "displacement": 0.03})
+    folder = record([(0, "joint_elasticity", {"compliance": 4e-4}), lag], seed=8)
+    verdict = diagnose(folder).verdict
+    assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "presliding_hysteresis")]
+    assert verdict["joints"]["a"]["state"] == "unexplained"
+    assert "joint_elasticity would explain it" in verdict["joints"]["a"]["reason"]

@@ -318,18 +318,25 @@ def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, 
 
     Such names only divide that one effect among them: the joint stays open, and the effect is reported.
     """
-    left = {}
+    left, quiet = {}, replace(moves, progress=lambda _: None)
     joints = model.problem.prepared.dataset.joints
     for joint in sorted({t.joint for t in model.terms if not (t.effect.standard or t.effect.empirical)}):
         own = [t for t in model.terms if t.joint == joint and not (t.effect.standard or t.effect.empirical)]
         rest = model.has([t for t in model.terms if t not in own])
-        for extension in (o for o in list_extensions(rest, [joint]) if o.refusal == UNBELIEVABLE):
-            made = rest.extend(extension.term)
-            if moves.score.compare(model, made) > SURELY:
-                depends = extension.term.effect.name_signals(extension.term.model_term.shape, joints, joint)
-                told = f"{extension.term.effect.name} would explain it: {extension.refusal}"
-                left[joint] = Left(_share(rest, made, [joint]), list(dict.fromkeys(depends)), told)
-                model = moves.prune(rest.rescale())
+        # Other names at the joint may be right: those stay that are still needed next to the one effect.
+        tried = [(base, o) for base in (rest, model) for o in list_extensions(base, [joint])]
+        for base, extension in ((base, o) for base, o in tried if o.refusal == UNBELIEVABLE):
+            term, made = extension.term, base.extend(extension.term)
+            if moves.score.compare(model, made) <= SURELY:
+                continue
+            made = quiet.prune(made)
+            divided = [t for t in own if t not in made.terms]
+            if divided and term in made.terms:
+                depends = term.effect.name_signals(term.model_term.shape, joints, joint)
+                told = f"{term.effect.name} would explain it: {extension.refusal}"
+                share = _share(made.without(term), made, [joint])
+                left[joint] = Left(share, list(dict.fromkeys(depends)), told)
+                model = moves.prune(model.has([t for t in model.terms if t not in divided]).rescale())
                 break
     return model, left
 
