@@ -56,10 +56,15 @@ def bound_difference(won: int, lost: int, cases: int) -> tuple[float, float, flo
     return difference, difference - 1.96 * error, difference + 1.96 * error
 
 
+def list_parts(folder: Path) -> list[str]:
+    """Generators whose cases a folder has."""
+    return [part for part in ("board", "outside") if (folder / part).is_dir()]
+
+
 def judge(before: Path, after: Path) -> list[str]:
     """Reasons for which the gate is not passed; none where it is."""
     tables = [
-        pd.concat([read_table(folder / part / "cases.parquet") for part in ("board", "outside")])
+        pd.concat([read_table(folder / part / "cases.parquet") for part in list_parts(folder)])
         for folder in (before, after)
     ]
     reasons = []
@@ -94,15 +99,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     if given.out is not None:
-        cases = sorted(list_cases("development", given.cases, SEED), key=lambda case: case.samples)
-        run_cases(cases[: given.smallest], given.out / "board", given.jobs)
-        run_cases([draw_case(k) for k in range(SEED, SEED + given.drawn)], given.out / "outside", given.jobs)
+        frozen = sorted(list_cases("development", given.cases, SEED), key=lambda case: case.samples)
+        drawn = [draw_case(k) for k in range(SEED, SEED + given.drawn)]
+        for part, cases in (("board", frozen[: given.smallest]), ("outside", drawn)):
+            if cases:
+                run_cases(cases, given.out / part, given.jobs)
         if given.data is not None:
             measure_machines(given.data, given.out)
         return 0
     if len(given.folders) != 2:
         parser.error("name --out, or the folders before and after")
-    for part in ("board", "outside"):
+    for part in list_parts(given.folders[0]):
         sys.stdout.write(write_comparison([folder / part for folder in given.folders]))
     reasons = judge(*given.folders)
     sys.stdout.write("\n".join(["not passed:", *reasons] if reasons else ["passed"]) + "\n")
