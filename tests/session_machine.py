@@ -78,7 +78,7 @@ HEALTHY = [{"temperature": x} for x in (25.0, 45.0, 35.0, 30.0)]
 LATER = [
     {"temperature": 40.0},
     {"temperature": 26.0},
-    {"temperature": 45.0, "wear": 0.1},
+    {"temperature": 45.0, "wear": 0.13},
     {"temperature": 28.0, "wear": 0.1, "mass": 0.8},
     {"temperature": 38.0, "gain": -0.08},
     {"temperature": 66.0},

@@ -43,7 +43,7 @@ def test_wear_is_named_friction_with_its_size(said):
     entries, _ = said["s6"]
     assert {(entry["joint"], entry["effect"]) for entry in entries} <= {("a", name) for name in FRICTION}
     whole = sum({"coulomb": 1.0, "viscous": 0.6}.get(e["effect"], 0.0) * e["change"] for e in entries)
-    assert whole == pytest.approx(0.1 * (COULOMB + 0.6 * VISCOUS) * np.exp(-0.012 * 11.0), rel=0.4)
+    assert whole == pytest.approx(0.13 * (COULOMB + 0.6 * VISCOUS) * np.exp(-0.012 * 11.0), rel=0.4)
 
 
 def test_load_and_wear_are_told_apart_in_one_session(said):
