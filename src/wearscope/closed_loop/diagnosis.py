@@ -363,15 +363,16 @@ def settle_rests(
 def drop_undetermined(before: Regression, answer: Answer) -> tuple[Regression, list[Found]]:
     """The declared model with the terms found, without names whose coefficients may all be zero.
 
-    Held-out runs test a prediction; a name states a parameter, so its interval must not hold zero. The rows
-    are weighed by the residual with the terms found: that of the declared model would weigh them too little
-    against the prior of the inertial parameters.
+    Held-out runs test a prediction; a name states a parameter, which must differ from zero next to the other
+    names. What may be there without a name is in the interval that is told: the search has weighed it against
+    the name. The rows are weighed by the residual with the terms found: that of the declared model would
+    weigh them too little against the prior of the inertial parameters.
     """
     found, most_rows = list(answer.found), answer.score.policy.most_rows
     base = Regression(before.prepared, before.entries, answer.sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
-        estimates = estimate(after, most_rows=most_rows)[len(before.entries) :]
+        estimates = estimate(after, unnamed=False, most_rows=most_rows, shapes=False)[len(before.entries) :]
         doubtful = [
             (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))

@@ -295,6 +295,10 @@ class Effect:
         """Return whether the signals hold what the effect needs at a joint."""
         return self.applies is None or bool(self.applies(signals, joint))
 
+    def acts_on(self, position_unit: str) -> bool:
+        """Return whether a joint with that unit of position, rad or m, can have the effect."""
+        return True
+
     def least_size(self, signals: Signals) -> float:
         """Return the smallest believable magnitude of the first coefficient, in its unit."""
         return 0.0

@@ -222,6 +222,10 @@ class BalancerEffect(Effect):
 
     step: float = 0.0
 
+    def acts_on(self, position_unit: str) -> bool:
+        """Return whether the joint turns, as the pins of a balancer do about it."""
+        return position_unit == "rad"
+
     def count_alternatives(self, shapes: int) -> float:
         """Return the number of shapes of which the angles are a quarter turn apart."""
         return shapes * min(1.0, self.step / (np.pi / 2.0))

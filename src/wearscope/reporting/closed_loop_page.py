@@ -179,7 +179,7 @@ def render_parameters(loop: ClosedLoop) -> Markup:
     rows.sort(key=lambda row: loop.joints.index(row["joint"]) if row["joint"] in loop.joints else -1)
     text = (
         "Before: the declared model, its own parameters fitted to the training runs. After: with what was "
-        "added. An interval of one parameter may hold zero where those of its effect together do not."
+        "added. An interval includes shapes and friction without a name, so it may hold zero."
     )
     masses = (
         "Links and payload: declared by the robot's URDF, and as the models have them. Centres of mass lie "

@@ -100,6 +100,22 @@ def test_richer_friction_comes_after_its_simple_parents(record):
     assert named == {(j, n) for j in "ab" for n in TRUTH} | {("a", "stribeck")}
 
 
+def test_friction_that_falls_steeply_is_no_negative_viscous_friction(record):
+    """Coulomb friction, the fall and viscous friction hide each other: none of them can be told alone."""
+
+    def fall(t, q, v, a, rng):
+        size = 8.0 * np.exp(-((v[:, 1] / (0.3 * np.abs(v[:, 1]).max())) ** 2)) * np.sign(v[:, 1])
+        return np.column_stack([0.0 * t, size - TRUTH["viscous"][1][1] * v[:, 1]])
+
+    folder = record(declared=["rigid_body"], robot=UNSTATED, extra_torque=fall, seed=8, runs=4, duration=8.0)
+    verdict = diagnose(folder).verdict
+    named = {e["effect"]: e["parameters"] for e in verdict["verdict"] if e["joint"] == "b"}
+    assert set(named) == {"coulomb", "rotor_inertia", "stribeck"}
+    assert named["coulomb"]["level"]["value"] == pytest.approx(3.0, rel=0.1)
+    low, high = named["stribeck"]["level"]["ci95"]
+    assert 4.0 < low < 8.0 < high < 13.0
+
+
 FORMS = {
     "algebraic": lambda x: x / np.sqrt(1 + x**2),
     "arctangent": lambda x: np.arctan(np.pi * x / 2) * 2 / np.pi,

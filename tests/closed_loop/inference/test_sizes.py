@@ -117,6 +117,24 @@ def test_a_factor_is_not_shared_with_a_drive_that_moves_as_its_body_does(tmp_pat
     assert said is not None and float(said[1]) == pytest.approx(factor, rel=0.03)
 
 
+def test_a_stop_of_a_slide_is_no_balancer_with_a_spring_against_it(tmp_path):
+    """A cushion from 70 mm on: its force depends on the position, and a balancer turns."""
+    bench = Bench(tmp_path, 1, seconds=12.0, frequencies=(0.4, 0.9, 1.3))
+    (tmp_path / "arm.urdf").write_text(
+        describe_robot(Joint("j1", "1 0 0", 40.0, kind="prismatic", limits="-2 2 9000 9"))
+    )
+
+    def press(q, v, a, rng, t):
+        cushion = 1e3 * np.maximum(q - 0.5 * q.max(), 0.0)
+        return 40.0 * a + rub(v, 30.0, 20.0) + cushion + rng.normal(0, 0.5, q.shape)
+
+    bench.record(press)
+    bench.accept()
+    diagnosis = diagnose(tmp_path / "d")
+    assert {e["effect"] for e in diagnosis.verdict["verdict"]} == {"unknown"}
+    assert "gravity_counterbalance" not in set(diagnosis.candidates["effect"])
+
+
 @pytest.mark.parametrize(("n", "joint", "factor"), [(2, 1, 1.4), (3, 0, 0.7)])
 def test_a_torque_constant_that_is_off_is_noted(tmp_path, n, joint, factor):
     factors = np.where(np.arange(n) == joint, factor, 1.0)

@@ -78,6 +78,7 @@ class Moves:
                 or self.drop(model)
                 or self.swap(model)
                 or self.add_pair(model)
+                or self.drop_unbelievable(model)
                 or self.refuse_delays(model)
             )
             if moved is None:
@@ -89,6 +90,15 @@ class Moves:
     def is_new(self, model: Model) -> bool:
         """Whether no model with the same terms was left before."""
         return model.keys not in self.left
+
+    def drop_unbelievable(self, model: Model) -> Model | None:
+        """A model without a term whose parameters are not believed next to the others."""
+        for term in [t for t in model.terms if not (t.effect.empirical or is_believable(model, t))]:
+            rest = model.without(term)
+            if is_complete(rest) and self.is_new(rest):
+                self.progress(f"dropped {self.name(term)}: a parameter is not believed next to the others")
+                return rest.rescale()
+        return None
 
     def refuse_delays(self, model: Model) -> Model | None:
         """A model without delays that vanish at low frequencies; these are not tried again."""

@@ -143,7 +143,7 @@ class Problem:
         p = self.prepared
         if not p.moving[joint] or (effect.per_robot and joint != p.n - 1):
             return None
-        if not effect.is_usable(self.joined, joint):
+        if not (effect.is_usable(self.joined, joint) and effect.acts_on(p.dataset.position_unit[joint])):
             return None
         if ModelTerm(effect, joint, (), ()).is_deflection and not effect.shape:
             return self._bend(effect, joint)

@@ -143,13 +143,16 @@ def _list_plain(model: Regression) -> list[np.ndarray]:
     return columns
 
 
-def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
+def _shape_gradients(
+    model: Regression, theta: np.ndarray, free: bool
+) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
     """Derivative (M, n) by run of the prediction with respect to each free shape, and the shape's place."""
     train = model.prepared.runs_for("train")
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes(entry.subset):
+        fixed = entry.effect.empirical or not free
+        for k in [] if fixed else entry.effect.estimated_shapes(entry.subset):
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])
@@ -171,7 +174,9 @@ def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndar
     ], owners
 
 
-def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float = np.inf) -> JointFit:
+def estimate_jointly(
+    model: Regression, unnamed: bool = True, most_rows: float = np.inf, shapes: bool = True
+) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
@@ -192,9 +197,12 @@ def estimate_jointly(model: Regression, unnamed: bool = True, most_rows: float =
         names are tested.
     most_rows : float
         Most independent rows of a joint that count; all by default.
+    shapes : bool
+        Whether the intervals include the uncertainty of free shapes. It is False where a coefficient is
+        compared with zero, at which its shape has no meaning (Davies 1987, Biometrika 74).
     """
     theta = model.solve()
-    extra, owners = _shape_gradients(model, theta)
+    extra, owners = _shape_gradients(model, theta, shapes)
     reversals, precision = _reversal_gradients(model, theta)
     plain = _list_plain(model) if unnamed else [g[:, :, :0] for g in reversals]
     precision = np.concatenate([precision, np.zeros(plain[0].shape[2])])
@@ -268,9 +276,11 @@ def _invert(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
-def estimate(model: Regression, unnamed: bool = True, most_rows: float = np.inf) -> list[Estimate]:
+def estimate(
+    model: Regression, unnamed: bool = True, most_rows: float = np.inf, shapes: bool = True
+) -> list[Estimate]:
     """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
-    joint = estimate_jointly(model, unnamed, most_rows)
+    joint = estimate_jointly(model, unnamed, most_rows, shapes)
     theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
