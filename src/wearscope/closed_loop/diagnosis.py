@@ -163,7 +163,7 @@ def move_delays(found: Diagnosis, budget: Budget | None = None) -> Revised | Non
     terms = [a.term for a in late]
     rest = [term for term in found.after.entries if not term.is_measurement_error]
     joints = [term.joint for term in terms]
-    moved = move_by_delays(refit(found.after, rest), joints, budget, common=bool(common))
+    moved = move_by_delays(refit(found.after, rest), joints, budget)
     problem = Problem(moved, found.problem.declared, found.problem.own, terms)
     told = "one delay of the recorder" if common else "their delays"
     return f"{names}: the torque channels are moved by {told}", problem, late, []

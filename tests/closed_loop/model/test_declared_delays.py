@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from folders import change_runs, fit_problem
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from wearscope.closed_loop.diagnosis import diagnose
 from wearscope.closed_loop.model.estimation import estimate
@@ -46,6 +47,19 @@ def test_declared_delays_are_found_and_leave_the_noise(record, delays):
     left = np.concatenate(model.residuals(model.solve())).std(axis=0)
     share = np.sqrt(2 * problem.prepared.band.torque / 200.0)
     assert np.all(left < 1.5 * share * np.array([1.0, 0.5]) + 0.1)
+
+
+def test_one_recorder_has_one_delay_also_at_a_joint_whose_friction_lags(record):
+    """Friction that builds up late looks like a late channel: the other joint tells what the recorder does."""
+
+    def lag(t, q, v, a, rng):
+        keep = np.exp(-(t[1] - t[0]) / 0.15)
+        late = lfilter([1.0 - keep], [1.0, -keep], np.sign(v[:, 1]))
+        return np.column_stack([0.0 * t, 2.5 * (late - np.sign(v[:, 1]))])
+
+    folder = record(seed=11, declared=DECLARED, runs=3, duration=8.0, extra_torque=lag)
+    problem = pose_problem(delay_channels(folder, {"a": 0.04, "b": 0.04}))
+    assert problem.prepared.dataset.delays == pytest.approx((0.04, 0.04), abs=2e-3)
 
 
 def test_a_delay_moves_the_channel_of_the_effect_itself():

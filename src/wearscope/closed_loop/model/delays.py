@@ -26,10 +26,16 @@ from wearscope.closed_loop.model.terms import ModelTerm
 _LONGEST, _SHARE, _STEPS = 0.25, 0.1, 40.0
 #: Largest number of rows of a joint that are used.
 _MOST_ROWS = 20_000
+#: Share of the variance that one delay of all channels leaves and a channel's own must remove: less is a
+#: tenth of the RMS error.
+_OWN = 0.2
 
 
-def find_delays(model: Regression, joints: Sequence[int], common: bool = False) -> np.ndarray:
+def find_delays(model: Regression, joints: Sequence[int]) -> np.ndarray:
     """Delay (n,) [s] of each torque channel with the smallest residual; zero at the other joints.
+
+    One recorder has one delay, which the joints tell together: a slow joint alone tells it poorly. A channel
+    has another delay where that leaves clearly less.
 
     Parameters
     ----------
@@ -37,14 +43,14 @@ def find_delays(model: Regression, joints: Sequence[int], common: bool = False) 
         The declared model without delays.
     joints : sequence of int
         Joints whose channel may be late.
-    common : bool
-        Whether all of them have the same delay, that of their recorder.
     """
     delays = np.zeros(model.prepared.n)
-    groups = [list(joints)] if common else [[j] for j in joints]
-    for group in groups:
-        misses = [_weigh_delays(model, j) for j in group]
-        delays[group] = _find_least(model, [one for one in misses if one is not None])
+    misses = {j: miss for j in joints if (miss := _weigh_delays(model, j)) is not None}
+    delays[list(joints)] = one = _find_least(model, list(misses.values()))
+    for j, miss in misses.items():
+        own = _find_least(model, [miss])
+        if miss(own) < (1.0 - _OWN) * miss(one):
+            delays[j] = own
     return delays
 
 
@@ -111,9 +117,7 @@ def move_torque(dataset: Dataset, delays: np.ndarray) -> Dataset:
     return replace(dataset, runs=runs, notes=notes, delays=tuple(delays.tolist()))
 
 
-def move_by_delays(
-    model: Regression, joints: Sequence[int], budget: Budget | None = None, common: bool = False
-) -> Prepared:
+def move_by_delays(model: Regression, joints: Sequence[int], budget: Budget | None = None) -> Prepared:
     """The data set prepared again, the torque channels of some joints moved by their delays.
 
     Parameters
@@ -123,12 +127,10 @@ def move_by_delays(
     joints : sequence of int
     budget : Budget, optional
         How much of the runs is used.
-    common : bool
-        Whether all of them have one delay.
     """
     prepared = model.prepared
     able = [j for j in joints if prepared.moving[j]]
-    delays = find_delays(model, able, common)
+    delays = find_delays(model, able)
     moved = prepare_thinned(move_torque(prepared.dataset, delays), budget)
     kept = {name: getattr(prepared, name) for name in ("link_side", "torque_factors", "noted", "checked")}
     return replace(moved, notes=[*moved.notes, *prepared.checked], **kept)
