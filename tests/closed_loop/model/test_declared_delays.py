@@ -50,7 +50,7 @@ def test_declared_delays_are_found_and_leave_the_noise(record, delays):
 
 
 def test_one_recorder_has_one_delay_also_at_a_joint_whose_friction_lags(record):
-    """Friction that builds up late looks like a late channel: the other joint tells what the recorder does."""
+    """Friction that builds up late looks like a late channel; the other joint tells the recorder's delay."""
 
     def lag(t, q, v, a, rng):
         keep = np.exp(-(t[1] - t[0]) / 0.15)
