@@ -372,7 +372,7 @@ def drop_undetermined(before: Regression, answer: Answer) -> tuple[Regression, l
     base = Regression(before.prepared, before.entries, answer.sigma, before.inertial, before.blocks)
     while found:
         after = refit(base, [*base.entries, *(f.term.model_term for f in found)])
-        estimates = estimate(after, unnamed=False, most_rows=most_rows, shapes=False)[len(before.entries) :]
+        estimates = estimate(after, most_rows, conditional=True)[len(before.entries) :]
         doubtful = [
             (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))

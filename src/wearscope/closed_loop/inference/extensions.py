@@ -203,6 +203,13 @@ def is_believable(model: Model, term: Term) -> bool:
     return not _refuse(model.problem, term, beta, model.fit.measure(term))
 
 
+def is_beyond(model: Model, term: Term, most_rows: float) -> bool:
+    """Whether a coefficient lies outside its believable bounds by more than twice its standard error."""
+    beta, error = model.fit.coefficients(term), 2.0 * model.fit.errors(term, most_rows)
+    low, high = np.array(model.problem.bounds(term.model_term)[: len(beta)]).T
+    return bool(np.any((beta + error < low) | (beta - error > high)))
+
+
 def may_gain(score: Score, model: Model, extension: Extension) -> bool:
     """Whether what an extension gains on the rows it is fitted on could outweigh its cost at all."""
     fit, policy = model.fit, score.policy

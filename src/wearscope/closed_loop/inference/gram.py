@@ -266,10 +266,17 @@ class Fit:
         """Parameters (P,) on all rows."""
         return np.asarray(self.solved[1][0])
 
+    def _find(self, term: Term) -> slice:
+        return next(span for t, span in zip(self.terms, self.spans, strict=True) if t is term)
+
     def coefficients(self, term: Term) -> np.ndarray:
         """Coefficients (m,) of a term of the model."""
-        k = next(k for k, t in enumerate(self.terms) if t is term)
-        return self.theta[self.spans[k]]
+        return self.theta[self._find(term)]
+
+    def errors(self, term: Term, most_rows: float) -> np.ndarray:
+        """Standard errors (m,) of its coefficients, with at most so many independent rows."""
+        rows = max(float(self.gram.count[term.joint]) / most_rows, 1.0)
+        return np.asarray(np.sqrt(rows * np.diag(self.solved[0][0])[self._find(term)]))
 
     def measure(self, term: Term) -> np.ndarray:
         """Gram matrix (m, m) of a term's columns on all rows, weighed."""

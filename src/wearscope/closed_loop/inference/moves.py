@@ -10,6 +10,7 @@ from wearscope.closed_loop.inference.delays import is_lag, lags_away_from_revers
 from wearscope.closed_loop.inference.extensions import (
     Extension,
     is_believable,
+    is_beyond,
     list_extensions,
     may_gain,
     rank_pairs,
@@ -92,8 +93,8 @@ class Moves:
         return model.keys not in self.left
 
     def drop_unbelievable(self, model: Model) -> Model | None:
-        """A model without a term whose parameters are not believed next to the others."""
-        for term in [t for t in model.terms if not (t.effect.empirical or is_believable(model, t))]:
+        """A model without a term that the others move outside its believable bounds."""
+        for term in [t for t in model.terms if is_beyond(model, t, self.score.policy.most_rows)]:
             rest = model.without(term)
             if is_complete(rest) and self.is_new(rest):
                 self.progress(f"dropped {self.name(term)}: a parameter is not believed next to the others")

@@ -174,9 +174,7 @@ def _shape_gradients(
     ], owners
 
 
-def estimate_jointly(
-    model: Regression, unnamed: bool = True, most_rows: float = np.inf, shapes: bool = True
-) -> JointFit:
+def estimate_jointly(model: Regression, most_rows: float = np.inf, conditional: bool = False) -> JointFit:
     """Coefficients and free shapes of a model with their joint covariance.
 
     The covariance is the sandwich of the normal equations with blocks of rows as clusters (Liang and Zeger
@@ -191,20 +189,17 @@ def estimate_jointly(
     Parameters
     ----------
     model : Regression
-    unnamed : bool
-        Whether the intervals include what may be present without a name: plain friction, and differences
-        between held-out parts, which serve as clusters where this gives wider intervals. It is False where
-        names are tested.
     most_rows : float
         Most independent rows of a joint that count; all by default.
-    shapes : bool
-        Whether the intervals include the uncertainty of free shapes. It is False where a coefficient is
-        compared with zero, at which its shape has no meaning (Davies 1987, Biometrika 74).
+    conditional : bool
+        Whether the intervals are conditional on the names and on their shapes; else they include free shapes,
+        and plain friction without a name. It is True where a coefficient is compared with zero: the search
+        has weighed other names against it, and at zero its shape has no meaning (Davies 1987, Biometrika 74).
     """
     theta = model.solve()
-    extra, owners = _shape_gradients(model, theta, shapes)
+    extra, owners = _shape_gradients(model, theta, not conditional)
     reversals, precision = _reversal_gradients(model, theta)
-    plain = _list_plain(model) if unnamed else [g[:, :, :0] for g in reversals]
+    plain = [g[:, :, :0] for g in reversals] if conditional else _list_plain(model)
     precision = np.concatenate([precision, np.zeros(plain[0].shape[2])])
     extra = [np.concatenate(every, axis=2) for every in zip(extra, reversals, plain, strict=True)]
     instruments = make_instruments(model, model.held)
@@ -247,8 +242,7 @@ def estimate_jointly(
     told = information.sum(axis=0)
     width = stats.t.ppf(0.975, np.maximum(carried - 1, 1)) * error
     width = np.maximum(width, stats.norm.ppf(0.975) * np.sqrt(np.maximum(np.diag(_invert(least)), 0.0)))
-    if unnamed:
-        width = np.maximum(width, _measure_by_part(model, inverse, scores))
+    width = np.maximum(width, _measure_by_part(model, inverse, scores))
     return JointFit(theta, covariance, width + moved, moved, owners, told)
 
 
@@ -276,11 +270,9 @@ def _invert(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
 
 
-def estimate(
-    model: Regression, unnamed: bool = True, most_rows: float = np.inf, shapes: bool = True
-) -> list[Estimate]:
+def estimate(model: Regression, most_rows: float = np.inf, conditional: bool = False) -> list[Estimate]:
     """Estimates of all entries of a model, in their order; see `estimate_jointly`."""
-    joint = estimate_jointly(model, unnamed, most_rows, shapes)
+    joint = estimate_jointly(model, most_rows, conditional)
     theta, width, owners, told = joint.theta, joint.width, joint.owners, joint.told
     estimates = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):

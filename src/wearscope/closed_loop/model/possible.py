@@ -97,7 +97,7 @@ def list_beyond(model: Regression) -> list[tuple[int, int, Impossible, float]]:
                 places.append((i, k, float(value)))
     if not places:
         return []
-    estimates = estimate(model, unnamed=False)
+    estimates = estimate(model, conditional=True)
     found = []
     for i, k, value in places:
         effect, joint = model.entries[i].effect, model.entries[i].joint
