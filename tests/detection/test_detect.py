@@ -84,7 +84,7 @@ def test_written_and_shown(worn, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert "runs/r6.parquet (day 6): alarm." in page
     assert "is of another motion" in page and 'id="axis-chart"' in page
-    assert "than in the nominal recordings, which may be the reason." in page
+    assert "The reason may be a temperature other than in the nominal recordings: a (" in page
     # Each row of the tables follows the page's filters.
     rows = page.count("<tr data-cell=")
     assert rows == page.count("<tr ") and rows >= (worn.detection["kind"] == "judged").sum()

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from wearscope.reporting.charts.base import Choice, chart_library, pack_table, round_digits
+from wearscope.reporting.charts.encoding import symlog
 from wearscope.reporting.charts.study import (
     ALL_ROBOTS,
     chart_roc,
@@ -147,3 +148,8 @@ def test_terms_and_quantities_are_words(study):
 def test_numbers_next_to_nothing_are_shown_as_zero():
     frame = pd.DataFrame({"x": [5e-324, -3e-310, 1e-200, 1.5e300, np.inf]})
     assert unpack_table(pack_table(frame))["x"] == [0.0, 0.0, 1e-200, 1.5e300, None]
+
+
+def test_an_axis_of_ratios_has_ticks_on_both_sides_of_one():
+    axis = symlog("snr:Q", "signal-to-noise ratio").to_dict()["axis"]
+    assert {0.5, 1, 2, 5, 10} <= {*axis["values"]} and axis["format"] == ",.2~r"

@@ -165,4 +165,4 @@ def test_what_is_assumed_and_how_far_the_answer_moves_are_on_the_headline(told):
 
 def test_a_direct_value_that_disagrees_is_the_answer(told):
     study = replace(told, conclusions=[FOUND], direct=DIRECT)
-    assert "the direct value answers" in render_study(study, compare_with_paper(study))
+    assert "the direct value is the answer" in render_study(study, compare_with_paper(study))

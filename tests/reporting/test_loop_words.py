@@ -12,6 +12,7 @@ from wearscope.reporting.loop_words import (
     say_share,
     size_left,
     tell_left,
+    tell_measurement,
     tell_planted,
     tell_rivals,
     tell_why,
@@ -133,3 +134,16 @@ def test_what_is_left_at_a_joint():
     reason = "training runs contradict each other: b.csv and the others"
     assert tell_why({"depends_on": ["t"], "reason": reason}) == reason
     assert tell_why({"depends_on": ["t"], "reason": "its mean differs"}) == "it depends on time"
+
+
+@pytest.mark.parametrize(
+    ("share", "ends", "text"),
+    [(-2.803, (-5.104, -1.281), "adds 280 % (95 %: 128 to 510)"), (0.997, (0.99, 0.999), "removes 99.7 %")],
+)
+def test_a_share_has_a_decimal_only_near_its_ends(share, ends, text):
+    assert text in say_share({"error_reduction": share, "error_reduction_ci95": ends})
+
+
+def test_a_tiny_probability_is_told_in_words():
+    plan = {"names": ["stribeck", "coulomb"], "runs": 6, "power": 8.1e-57, "plans_compared": 36}
+    assert "with probability less than 0.01, after 6 runs" in tell_measurement(plan)

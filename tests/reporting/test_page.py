@@ -111,6 +111,7 @@ def test_badges_in_a_table_stay_html():
     [
         (12345.6, "12,346"), (0.00123456, "0.00123"), (np.float64("nan"), "n/a"), (None, "n/a"),
         (np.int64(-3), "−3"), (0.0, "0"), (-np.inf, "−∞"), (1e-7, "1.00e−07"), (True, "yes"), ("s", "s"),
+        (-0.0, "0"),
     ],
 )  # fmt: skip
 def test_numbers_are_written(value, text):

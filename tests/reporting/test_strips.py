@@ -173,10 +173,10 @@ def test_what_is_read_is_what_was_written(tmp_path):
     assert read_strip(page) is None
 
 
-def write_verdict(folder, when, error, answer):
+def write_verdict(folder, when, error, answer, joint="j1"):
     """A diagnosis of a joint, written at a time."""
     folder.mkdir(parents=True)
-    (folder / "verdict.json").write_text(json.dumps({"joints": {"j1": {"rms_after": error}}, "verdict": []}))
+    (folder / "verdict.json").write_text(json.dumps({"joints": {joint: {"rms_after": error}}, "verdict": []}))
     page = folder / "report.html"
     strip = Strip(answer, "good", "Sure.", "", "Next.")
     page.write_text(render_page("t", [Section("s", "b", "s")], strip=strip), encoding="utf-8")
@@ -194,6 +194,13 @@ def test_a_folder_s_answers_are_listed_newest_first_with_their_trend(tmp_path):
     assert page.index("closed_loop/june") < page.index("closed_loop/may")
     assert 'href="closed_loop/may/report.html"' in page and 'id="trend-0-chart"' in page
     assert "&lt;a" not in page
+
+
+def test_errors_of_two_machines_are_not_drawn_on_one_axis(tmp_path):
+    for k, joint in enumerate(("j1", "a1", "j1", "a1")):
+        write_verdict(tmp_path / f"day{k}", 1_000_000 + k, 100.0 ** (joint == "a1"), "Day.", joint)
+    page = render_history(tmp_path, find_answers(tmp_path))
+    assert page.count('class="chart"') == 2
 
 
 def test_what_is_written_over_stays_in_the_history_once(tmp_path):

@@ -36,7 +36,7 @@ def test_the_page_answers(with_loop):
 def test_the_loop_is_on_the_first_page_and_missing_numbers_are_said(with_loop):
     page = render(with_loop)
     first = page[: page.index('<section id="paper"')]
-    assert "The declared model suffices" in first and "so it should be" in first
+    assert "The declared model suffices" in first and "and nothing was named" in first
     named = {**VERDICT, "joints": {"a<1>": {**VERDICT["joints"]["a<1>"], "state": "unexplained"}}}
     page = render(replace(with_loop, loops={"twin": named}))
     assert "a&lt;1&gt; keeps something unexplained" in page and "a<1>" not in page

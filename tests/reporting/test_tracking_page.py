@@ -155,5 +155,10 @@ def test_each_joint_that_changed_has_a_panel_with_its_alarm_line(tmp_path):
     table = pd.read_parquet(tmp_path / "changes.parquet")
     body = table[table["effect"] == "coulomb"].assign(effect="payload_error", parameter="mass", unit="kg")
     tracking = Tracking(OUTCOME | {"sessions": moved}, pd.concat([table, body]))
-    (title, axis, rows) = list_panels(tracking, trend_table(tracking))["panel-0"]
+    table = trend_table(tracking)
+    # A mass at joint a is no change of its friction.
+    state = table.set_index(["what", "joint", "session"])["state"]
+    assert state["friction", "a", "d4"] == "no change named"
+    assert state["weight on the link of a, mass", "a", "d4"] == "change named"
+    (title, axis, rows) = list_panels(tracking, table)["panel-0"]
     assert (title, axis) == ("Weight on the link of a, mass", "mass [kg]") and rows["alarm"].isna().all()

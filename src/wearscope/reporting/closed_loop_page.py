@@ -161,7 +161,7 @@ def doubt_simulation(forward: pd.DataFrame | None) -> str:
 def render_outcome(loop: ClosedLoop) -> Markup:
     """Cards: one for effects of the whole robot and one for each joint, the worst first."""
     once = [one for one in loop.verdict["verdict"] if one["effect"] in list_shared()]
-    cards = [{"title": "The robot", "joint": "", "effects": _tell_effects(once)}] if once else []
+    cards = [{"title": "The robot", "joint": "", "effects": _tell_effects(loop, once)}] if once else []
     cards += [describe_joint(loop, joint) for joint in loop.joints]
     cards = [card | {"kind": _colour(card)} for card in cards]
     return render_template(
@@ -174,7 +174,8 @@ def render_outcome(loop: ClosedLoop) -> Markup:
 
 def render_parameters(loop: ClosedLoop) -> Markup:
     """All fitted parameters, joint by joint, then those of the bodies; empty without any."""
-    added = [record for entry in loop.verdict["verdict"] for record in _list_parameters(entry)]
+    kept = filter(is_in_model, loop.verdict["verdict"])
+    added = [record for entry in kept for record in _list_parameters(loop, entry)]
     rows = [row | {"before": "not in it"} for row in added] + _list_fitted(loop)
     rows.sort(key=lambda row: loop.joints.index(row["joint"]) if row["joint"] in loop.joints else -1)
     text = (
@@ -243,10 +244,11 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
         growth = number(one["rms_after"]) / number(one["rms_before"]) - 1.0
         told = f"larger by {100 * growth:.{0 if growth > SLIGHT else 1}f} %"
         change = "same" if growth <= SLIGHT else change
+    own = [entry for entry in loop.entries_at(joint) if entry["effect"] not in list_shared()]
     return {
         "title": joint,
         "joint": joint,
-        "effects": _tell_effects([e for e in loop.entries_at(joint) if e["effect"] not in list_shared()]),
+        "effects": _tell_effects(loop, own),
         "change": told,
         "change_kind": _CHANGES.get(change, "neutral"),
         "sizes": tell_sizes(one),
@@ -257,13 +259,15 @@ def describe_joint(loop: ClosedLoop, joint: str) -> dict[str, Any]:
     }
 
 
-def _tell_effects(entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
+def _tell_effects(loop: ClosedLoop, entries: list[Mapping[str, Any]]) -> list[dict[str, str]]:
     """Each effect: its name, the result of the test runs, its first fitted parameter."""
     told = []
     for entry in entries:
         rivals = [effect_name(name) for name in entry["equivalent"]]
         where = " at all joints together" if entry["effect"] in list_shared() else ""
-        fitted = [row for row in _list_parameters(entry) if row["95 % interval"] not in ("fixed", "n/a")]
+        fitted = [
+            row for row in _list_parameters(loop, entry) if row["95 % interval"] not in ("fixed", "n/a")
+        ]
         on = [name_signal(name) for name in entry["depends_on"]] if entry["effect"] == UNKNOWN else None
         kept, status = is_in_model(entry), entry["status"]
         text = say("loop/words.html", "effect", entry, rivals, say_share(entry), where, fitted, on, kept)
@@ -281,7 +285,7 @@ def _colour(card: Mapping[str, Any]) -> str:
     return next(kind for kind in ("bad", "unsure", "good") if kind in kinds)
 
 
-def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
+def _list_parameters(loop: ClosedLoop, entry: Mapping[str, Any]) -> list[dict[str, str]]:
     """Rows of fitted parameters, one for a spline's heights; fixed parameters follow the effect's name."""
     rows = [
         (
@@ -296,8 +300,12 @@ def _list_parameters(entry: Mapping[str, Any]) -> list[dict[str, str]]:
     if entry["effect"] == UNKNOWN and heights:
         told = f"{format_number(min(heights))} to {format_number(max(heights))}"
         rows = [(f"{len(heights)} heights of a spline", told, "n/a", rows[0][-1])]
+    units = parameter_units(
+        entry["effect"], loop.verdict["joints"].get(entry["joint"], {}).get("unit", "N m")
+    )
     fixed = [
-        f"{parameter_name(name)} {format_number(number(value))}" for name, value in entry["fixed"].items()
+        f"{parameter_name(name)} {format_number(number(value))} {units.get(name, '')}".strip()
+        for name, value in entry["fixed"].items()
     ]
     told = f" ({', '.join(fixed)})" if fixed else ""
     where = {"joint": entry["joint"], "effect": f"{effect_name(entry['effect'])}{told}"}
@@ -409,7 +417,7 @@ def render_closed_loop(loop: ClosedLoop) -> str:
         f"{count_text(len(loop.joints), 'joint')}, {count_text(int(runs.get('train', 0)), 'training run')}, "
         f"{count_text(int(runs.get('test', 0)), 'test run')}. Parameters and choices come from the training "
         "runs, errors from the test runs.",
-        f"Made from the tables of a loop closed by wearscope {loop.verdict['version'].partition(' (')[0]}.",
+        f"Made by wearscope {loop.verdict['version'].partition(' (')[0]}.",
         loop_filters(loop),
         drawn,
         loop_labels(loop),

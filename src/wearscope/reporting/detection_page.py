@@ -158,7 +158,7 @@ def _describe_outcome(rows: pd.DataFrame) -> tuple[list[Any], list[str], list[An
         for fda, own in alarms.groupby("fda", sort=True)
     ]
     warmer = [
-        f"{row.joint} was {format_number(abs(row.warmer), 2)} K {'warmer' if row.warmer > 0 else 'colder'}"
+        f"{row.joint} ({format_number(abs(row.warmer), 2)} K {'warmer' if row.warmer > 0 else 'colder'})"
         for row in alarms.drop_duplicates("joint").itertuples()
         if abs(row.warmer) > WARMER
     ]
@@ -305,7 +305,7 @@ def chart_axis(drawn: Mapping[str, pd.DataFrame]) -> Chart:
         named("points")
         .mark_circle(size=45, opacity=0.8)
         .encode(
-            x=symlog("place:Q", "1: alarm threshold"),
+            x=symlog("place:Q", "test quantity (0: healthy, 1: alarm threshold)"),
             tooltip=tips("run:N|recording; cell:N; verdict:N; y:Q||.4; unit:N"),
             **look,
         ),

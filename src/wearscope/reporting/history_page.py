@@ -39,7 +39,7 @@ from wearscope.storage.verdicts import read_verdict
 KEPT = "history.jsonl"
 #: Quantities that are followed over time, by kind of page.
 _QUANTITIES = {
-    "diagnosis": "error on the test runs after the correction",
+    "diagnosis": "RMS error on the test runs after the correction [N m, or N of a slide]",
     "study": "median signal-to-noise ratio",
 }
 _BADGES = {"good": "sure", "unsure": "with a caveat", "bad": "needs attention"}
@@ -165,8 +165,12 @@ def render_history(folder: Path, found: list[Answer]) -> str:
         for one in found
     ]
     newest = next((one for one in found if one.path), found[0])
-    note = "Newest first; a name leads to its page. One without was written over."
-    followed = [rows for _, rows in trend_table(found).groupby("quantity") if rows["when"].nunique() > 1]
+    note = "Newest first. A name links to its page; the page of a name without a link was replaced."
+    table = trend_table(found)
+    # Machines and studies differ in their joints or detectors; a chart has those whose first one is the same.
+    first = table.groupby(["when", "name"])["of"].transform("min")
+    trends = table.groupby(["quantity", first.rename("first")])
+    followed = [rows for _, rows in trends if rows["when"].nunique() > 1]
     shown = {f"trend-{k}": rows for k, rows in enumerate(followed)}
     sections = [
         Section("Answers", render_table(rows, note), "answers"),

@@ -126,7 +126,7 @@ def term_factors(term: str) -> list[str]:
 
 def unit_text(unit: str) -> str:
     """Unit as printed; empty for a pure number."""
-    return _UNITS.get(unit, unit.replace("^2", "²"))
+    return _UNITS.get(unit, unit.replace("^2", "²").replace("^b", "ᵇ"))
 
 
 def with_unit(text: str, unit: str) -> str:

@@ -226,7 +226,7 @@ def say_share(entry: Verdict) -> str:
 
 def _percent(share: float, low: float, high: float) -> str:
     """``48 % (95 %: 36 to 55)``, with one more digit near 0 and 100 %."""
-    digits = 0 if 0.095 <= abs(share) < 0.995 else 1
+    digits = int(abs(share) < 0.095 or 0.995 <= abs(share) <= 1.0)
     share, low, high = (round(100 * value, digits) + 0.0 for value in (share, low, high))
     text = f"{share:.{digits}f} % (95 %: {low:.{digits}f} to {high:.{digits}f})"
     return text.replace("-", "\N{MINUS SIGN}").replace("nan", "n/a")
@@ -243,8 +243,8 @@ def tell_planted(verdict: Verdict, planted: Verdict) -> str:
             if entry["joint"] == one["joint"] and accepted & {entry["effect"], *entry.get("equivalent", [])}
         ]
         right += hits
-        found = "found" if hits else "did not find"
-        parts.append(f"{effect_name(one['effect'])} at {one['joint']}, which the loop {found}")
+        found = "found" if hits else "not found"
+        parts.append(f"{effect_name(one['effect'])} at {one['joint']} ({found})")
     wrong = [f"{effect_name(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
     return _say("planted", parts, wrong)
 

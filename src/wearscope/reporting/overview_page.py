@@ -98,7 +98,7 @@ def _caveat(overview: pd.DataFrame) -> str:
     if lost.empty:
         return SIMULATED
     names = list(dict.fromkeys(lost["robot"]))
-    return f"In {_count(len(lost))} no change of wear that was asked is found: on {join_some(names)}."
+    return f"In {_count(len(lost))} no simulated change of wear is found: on {join_some(names)}."
 
 
 def _count(n: int) -> str:

@@ -209,7 +209,7 @@ def format_number(value: Any, digits: int = 3) -> str:
         return "yes" if value else "no"
     if not isinstance(value, Real):
         return "n/a" if value is None else str(value)
-    number = float(value)
+    number = float(value) + 0.0
     if number != number:
         return "n/a"
     if abs(number) == float("inf"):

@@ -141,8 +141,8 @@ def _summarise(study: Study, told: Mapping[str, Sequence[str]]) -> Markup:
     open_points = qualify(study) if study.conclusions else []
     note = (
         "Each robot by itself. Ranges hold 95 % of a factor that varies alone; ≥: the end of what was "
-        "simulated. As friction: at a tenth of the joints' top speeds. Median SNR of the detector to "
-        "use, with its 95 % interval."
+        "simulated. As friction: its rise at a tenth of the joints' top speeds. Median SNR of the detector "
+        "to use, with its 95 % interval."
     )
     robots = [_compare(study, one) for one in study.conclusions if one.robot]
     return render_template(
@@ -204,8 +204,8 @@ def _detectors(study: Study, sentences: Sequence[str]) -> Markup:
     return render_template(
         "study/detectors.html",
         sentences=sentences,
-        setting=f"wear from {low:g} to {high:g}; every other factor with a standard deviation of "
-        f"{25 * setting['sigma']:.2g} % of its range",
+        setting=f"Signal: wear from {low:g} to {high:g}. Noise: every other factor varies with a standard "
+        f"deviation of {25 * setting['sigma']:.2g} % of its range",
         charts=embed_chart(chart_snr(study), chart_snr_cells(study)),
         ranking=render_table(shown.rename(columns=COLUMNS), cells=cells),
         sources=_sources(study),
@@ -218,17 +218,17 @@ def _sources(study: Study) -> Markup:
         fda: {"detector": study.detector_name(fda), "median, chosen surrogate": median}
         for fda, median in study.snr.groupby("fda", sort=True)["snr_exact"].median().items()
     }
-    note = "Signal-to-noise ratio by its source."
+    note = "Signal-to-noise ratio by how it was computed."
     if study.paper_snr is not None:
         for fda, median in study.paper_snr.groupby("fda")["snr_exact"].median().items():
             told[fda]["median, the paper's model (3)"] = median
     if study.direct is not None and len(study.direct):
         for row in study.direct.itertuples():
-            told[row.fda]["surrogate there"] = tell_snr(row, "surrogate")
-            told[row.fda]["simulated directly"] = tell_snr(row, "direct")
+            told[row.fda]["surrogate, one cell"] = tell_snr(row, "surrogate")
+            told[row.fda]["simulated directly, one cell"] = tell_snr(row, "direct")
         note += (
-            f" There, with the noise of single runs: {tell_cell(study.direct.iloc[0])}. Where the two "
-            "intervals do not overlap, the direct value answers."
+            f" One cell: {tell_cell(study.direct.iloc[0])}, with the noise of single runs. Where its two "
+            "intervals do not overlap, the direct value is the answer."
         )
     if study.mismatch is not None and len(study.mismatch):
         for row in study.mismatch.itertuples():
@@ -260,8 +260,8 @@ def _thresholds(study: Study, table: pd.DataFrame) -> Markup:
     units = {study.units.get(one, "") for one in table["fda"]}
     unit = units.pop() if len(units) == 1 else ""
     note = (
-        "Alarm above it: at most the false-alarm rate asked, for variations up to those of the "
-        "conclusion, with the largest threshold that any of the factors needs."
+        "The largest threshold that any varying factor needs. It keeps the study's false-alarm rate for "
+        "variations up to those of the conclusion."
     )
     return render_table(
         table.assign(cycle=table["cycle"].map(words)),
@@ -279,7 +279,7 @@ def _loops(study: Study) -> Markup:
         known = study.planted if name == DEMONSTRATION else None
         one = {"title": f"Closed on {name}", "sentences": [conclude_loop(verdict)[1]], "folder": "../"}
         if known is not None:
-            one["title"] = "Demonstration on a simulated twin with an effect that its description hides"
+            one["title"] = "Demonstration: a simulated twin with an effect that its model lacks"
             one |= {"sentences": [*one["sentences"], tell_planted(verdict, known)], "folder": ""}
         loops.append(one | {"page": f"{one['folder']}closed_loop/{name}/report.html"})
     return render_template("study/loops.html", loops=loops)

@@ -276,13 +276,16 @@ def _outcome(tracking: Tracking) -> Markup:
     """Section on the last session: changes, what it does not show, the smallest change it would show."""
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
-    changes = [*(upper_first(tell_entry(entry)) for entry in last["changes"]), *unknown]
+    told = [text.partition(". ") for text in unknown]
+    changes = [upper_first(tell_entry(entry)) for entry in last["changes"]]
+    changes += [f"{text.rstrip('.')}." for text, *_ in told]
     named = {(entry["joint"], entry["effect"]) for entry in last["changes"]}
     changes += [
         f"This wear adds {format_number(one['level'], 2)} % to the friction of {one['joint']}."
         for one in tracking.outcome["wear"]
         if one["session"] == last["session"] and (one["joint"], one["effect"]) in named
     ]
+    changes += filter(None, dict.fromkeys(remedy for *_, remedy in told))
     parts = [render_part(listed=changes or ["No change is sure."])]
     if hidden := [text for text in last["cannot_tell"] if text not in unknown]:
         parts += [Markup("<h3>What cannot be told</h3>"), render_part(listed=hidden)]
@@ -294,7 +297,8 @@ def _outcome(tracking: Tracking) -> Markup:
         for joint, one in last["smallest_visible"].items()
     ]
     caption = (
-        "Smallest change that this session would show; mass at the centre of the link that the joint moves."
+        "Smallest change that this session would show. The mass is at the centre of the link that the joint "
+        "moves."
     )
     parts.append(render_table(seen, caption, filter_by=JOINT))
     return render_part(parts=parts)
@@ -313,9 +317,8 @@ def _wear(found: list[dict[str, Any]]) -> Markup:
         for one in found
     ]
     caption = (
-        "What wear adds to friction at a level f, each parameter with its 95 % interval. "
-        "model_tracked.yaml has each joint's last one: it can be simulated, at any level, as a robot of a "
-        "study or one side of the target reevaluate."
+        "Friction that wear adds, each parameter with its 95 % interval. model_tracked.yaml has the last one "
+        "of each joint. A study or the target reevaluate can simulate it at any level."
     )
     columns = "session; joint; level|level [% of friction]; told|parameters (95 %)"
     table = render_table(records, caption, filter_by=JOINT, columns=columns)
@@ -328,7 +331,8 @@ def _sessions(found: list[dict[str, Any]]) -> Markup:
             "session": one["session"],
             "changes": " ".join(map(tell_entry, list_first(one["changes"])))
             or _tell_open(one["cannot_tell"]),
-            "cannot tell": " ".join(one["cannot_tell"]) or "nothing",
+            "cannot tell": " ".join(f"{text.partition('. ')[0].rstrip('.')}." for text in one["cannot_tell"])
+            or "nothing",
         }
         for one in found
     ]
@@ -371,7 +375,6 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
     """
     smallest = {one["session"]: one["smallest_visible"] for one in tracking.outcome["sessions"]}
     changes = {(session, one["joint"], one["effect"]) for session, one in tracking.entries()}
-    at_joint = {(session, joint) for session, joint, _ in changes}
     unknown = {
         (one["session"], joint)
         for place, one in enumerate(tracking.outcome["sessions"])
@@ -384,7 +387,7 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
         share = 100.0 / float((rows["value"] - rows["change"]).median()) if friction else 1.0
         ends = {"value": "value", "value_low": "low", "value_high": "high"}
         table = share * rows[[*ends]].rename(columns=ends).astype(float)
-        known = at_joint if friction else {(s, j) for s, j, e in changes if e == effect}
+        known = {(s, j) for s, j, e in changes if (e in _WEARS if friction else e == effect)}
         states = ["change named" if (one, joint) in known else "no change named" for one in rows.index]
         if friction:
             states = [
@@ -440,7 +443,7 @@ def _draw_sessions(source: str, title: str, table: pd.DataFrame) -> Any:
     )
     y = alt.Y("value:Q", title=title, scale=alt.Scale(zero=False))
     shapes = alt.Scale(domain=[*looks], range=[*looks.values()])
-    alarm = base.transform_filter("isValid(datum.alarm)").mark_tick(thickness=2, color="var(--bad)", width=34)
+    alarm = base.transform_filter("isValid(datum.alarm)").mark_rect(height=2, width=alt.RelativeBandSize(0.5))
     return alt.layer(
         base.mark_rule(strokeWidth=1.5).encode(y=alt.Y("low:Q", title=title), y2="high:Q"),
         alarm.encode(y="alarm:Q", color=alt.value("var(--bad)")),
@@ -463,10 +466,10 @@ def chart_trend(names: Mapping[str, str], table: pd.DataFrame) -> Chart:
         "Any joint",
         _draw_sessions("trend", "⟦what⟧", table).properties(width="container", height=240),
         {"trend": Source("trend", {"what": "what", "joint": "joint"})},
-        "Red dash: from there on a change would be named. Friction: RMS torque against that of the healthy "
-        "machine, along each session's own motion. The 95 % intervals hold the session's noise, the error of "
-        "the reference and the scatter of healthy sessions. Each healthy session is compared with the other "
-        "ones. Where the temperature was not recorded, what it does is part of the friction.",
+        "Red dash: friction from which a change would be named. Friction: RMS torque, compared with that of "
+        "the healthy machine along the same motion. The 95 % intervals cover the session's noise, the error "
+        "of the reference and the scatter of healthy sessions. Each healthy session is compared with the "
+        "others. Where the temperature was not recorded, its effect is part of the friction.",
         [Choice("what", "Show", list(names.items()))],
         ["joint"],
     )

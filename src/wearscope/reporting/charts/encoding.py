@@ -12,10 +12,11 @@ def named(name: str) -> alt.Chart:
     return alt.Chart(alt.NamedData(name))
 
 
-def symlog(field: str, title: str, steps: tuple[int, ...] = (1, 3)) -> alt.X:
-    """Horizontal axis, logarithmic beyond ±1: 0 and, on both sides, these multiples of powers of ten."""
-    sizes = [step * 10**power for power in range(7) for step in steps]
-    axis = alt.Axis(values=[*(-size for size in reversed(sizes)), 0, *sizes], labelOverlap="greedy")
+def symlog(field: str, title: str) -> alt.X:
+    """Horizontal axis, logarithmic beyond ±1: 0, ±0.5, and 1, 2 and 5 times powers of ten on both sides."""
+    sizes = [0.5, *(step * 10**power for power in range(7) for step in (1, 2, 5))]
+    values = [*(-size for size in reversed(sizes)), 0, *sizes]
+    axis = alt.Axis(values=values, format=",.2~r", labelOverlap="greedy")
     return alt.X(field, title=title, scale=alt.Scale(type="symlog", constant=1), axis=axis)
 
 

@@ -165,7 +165,7 @@ def charts_over_time(loop: ClosedLoop, joint: str, run: str) -> list[Chart]:
         first,
         "residual-chart",
         "Residual over time",
-        "Measured less predicted, where rows count.",
+        "Measured minus predicted torque, in the rows that count.",
     )
     return [torque, residual] if "predicted_after" in loop.residual else [residual]
 

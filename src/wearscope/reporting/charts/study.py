@@ -246,7 +246,7 @@ def chart_friction(table: pd.DataFrame) -> Chart:
         "Friction over speed",
         spec,
         {"friction": Source("friction", {"robot": "robot", "joint": "joint"})},
-        "As the robot's model has it.",
+        "The friction law of the robot's model.",
         [Choice("joint", "Joint", [(name, words(name)) for name in table["joint"].unique()])],
         ["robot"],
         zoom=fields,
@@ -313,7 +313,7 @@ def chart_weights(study: Study) -> Chart:
     )
     band = alt.Chart(alt.InlineData([{"low": -1, "high": 1}])).mark_rect(color="var(--line)", opacity=0.45)
     points = base.mark_circle(opacity=0.65).encode(
-        x=symlog("weight:Q", "coefficient (wear: 1)", (1, 2, 5)), tooltip=cell_tips("term:N; weight:Q||.3")
+        x=symlog("weight:Q", "coefficient (wear: 1)"), tooltip=cell_tips("term:N; weight:Q||.3")
     )
     median = base.mark_tick(thickness=2.5, size=13).encode(
         x=alt.X("median(weight):Q", title="coefficient (wear: 1)"),
@@ -327,9 +327,9 @@ def chart_weights(study: Study) -> Chart:
         "How much each factor weighs relative to wear",
         spec.properties(width="container", height={"step": 13 if len(names) > 2 else 18}),
         {"weights": Source("weights", {"kind": "kind", **BY_CELL})},
-        "A point is a cell: what a step of the factor does to y, over what the same step of wear does. "
-        "Dark ticks: medians of what is shown. Beyond the grey band a factor weighs more than wear; the "
-        "scale turns logarithmic there.",
+        "A point is a cell: the effect of the factor on the test quantity, divided by that of an equal step "
+        "of wear. Upright ticks: medians of the points shown. Beyond the grey band a factor weighs more than "
+        "wear, and the scale is logarithmic.",
         [Choice("kind", "Show", KINDS)],
     )
 
@@ -361,9 +361,9 @@ def chart_response(study: Study, first: Mapping[str, str]) -> Chart:
         "The test quantity over each factor",
         layered.properties(width="container", height=330),
         {"responses": Source("responses", by), "simulated": Source("simulated", by)},
-        "Line: the surrogate that answers, with the other factors at nominal. Band: where 95 % of new runs "
-        "should lie. Points: simulated runs, moved by the surrogate to nominal levels of their other "
-        "factors, or as they were simulated.",
+        "Line: the chosen surrogate, with the other factors at nominal. Band: where 95 % of new runs should "
+        "lie. Points: simulated runs; the surrogate corrects them to nominal levels of the other factors, "
+        "unless you choose them as simulated.",
         [
             Choice("factor", "Over", [(one.name, factor_name(one)) for one in study.factors]),
             Choice("held", "Points", [("y_held", "other factors at nominal"), ("y", "as simulated")]),
@@ -401,8 +401,8 @@ def chart_snr(study: Study) -> Chart:
         "Signal-to-noise ratio of every cell",
         spec.properties(width="container", height={"step": max(16, 54 // len(tints))}),
         {"snr": Source("snr", BY_CELL), "rankings": Source("rankings", {"robot": "robot", "fda": "fda"})},
-        "A point is a cell; marks and bars: medians with 95 % intervals over all test-cycles and axes of the "
-        f"study. Below 0 the test quantity falls with wear.{upper}",
+        "A point is a cell. Marks and bars: medians with 95 % intervals over all test-cycles and axes of the "
+        f"study. Where the ratio is negative, the test quantity falls with wear.{upper}",
     )
 
 
@@ -430,8 +430,8 @@ def chart_snr_cells(study: Study) -> Chart:
         "Cell by cell",
         alt.layer(cells, text).properties(width="container", height={"step": 20}),
         {"snr": Source("snr", BY_CELL)},
-        "Test-cycle, axis and robot down. Empty: the detector always says the same, or the robot's model has "
-        "no noise." + (" Without colour: an upper bound." if study.upper() else ""),
+        "Rows: test-cycle, axis and robot. Empty: the test quantity is always the same, or the robot's model "
+        "has no noise." + (" Without colour: an upper bound." if study.upper() else ""),
     )
 
 
@@ -462,8 +462,8 @@ def chart_reach(study: Study, shifts: Mapping[str, float]) -> Chart:
         "The smallest wear that each detector finds",
         spec.properties(width="container", height=210),
         {"reach": Source("reach", {"factor": "factor", "fda": "fda"})},
-        "Lower and further right is better. A line ends where no wear that was simulated is found surely; a "
-        "detector without a line finds none. Dashed, upright: how far the factor moves in a shift.",
+        "Lower and further right is better. A line ends where no simulated wear is surely found; a detector "
+        "without a line finds none. Dashed line: how far the factor moves in a shift.",
         [Choice("factor", "Varying", options)],
     )
 
@@ -525,7 +525,7 @@ def chart_scope(study: Study, first: Mapping[str, str]) -> Chart:
         {"scope": Source("scope", {"factor": "factor", **BY_CELL})},
         f"Meets the requirement: at least {100 * setting['p_d']:g} % detected at {100 * setting['p_f']:g} % "
         "false alarms, with the factor normally distributed about nominal, all else nominal. Filter to one "
-        "robot, test-cycle and axis for the scope of a cell. The pointer tells the worst cell.",
+        "robot, test-cycle and axis for the scope of a cell. Point at a square to see its worst cell.",
         [Choice("factor", "Varying", [(one, factor_name(study.factor(one))) for one in setting["factors"]])],
         ["fda"],
         first,
@@ -573,6 +573,6 @@ def chart_roc(study: Study, choices: list[Choice]) -> Chart:
         spec.properties(width="container", height=320),
         {"roc": Source("detection", {"case": "case", "change": "change", **BY_CELL})},
         "Thick: the median of each detector's cells; thin: every cell. Dashed: the study's false-alarm rate. "
-        "Filter to a cell: the numbers then list the threshold of each false-alarm rate.",
+        "If you filter to one cell, the numbers list the threshold of each false-alarm rate.",
         [Choice("lines", "Show", [("medians", "medians"), ("cells", "every cell too")]), *choices],
     )
