@@ -4,7 +4,7 @@ A reading is a set of traits. To add a trait, write here which readings it propo
 reading that has it. The score alone decides between readings.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
@@ -497,9 +497,19 @@ def _propose_exchanges(few: Weighing, r: Reading) -> Iterator[Reading]:
             yield r.has("exchanged", 0.0, crossed=frozenset([j]))
 
 
+def _list_exchanges(order: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs to exchange, one after the other, until each place holds what `order` says."""
+    here, pairs = list(range(len(order))), []
+    for j, wanted in enumerate(order):
+        k = here.index(wanted)
+        if k != j:
+            here[j], here[k] = here[k], here[j]
+            pairs.append((j, k))
+    return pairs
+
+
 def _tell_exchanges(r: Reading, rows: Rows) -> Told | None:
-    moved = {"q": r.motion_of, "tau": r.torque_of}
-    pairs = {kind: [(j, k) for j, k in enumerate(of) if j < k] for kind, of in moved.items()}
+    pairs = {"q": _list_exchanges(r.motion_of), "tau": _list_exchanges(r.torque_of)}
     told, codes = [], []
     for i, j in dict.fromkeys((*pairs["q"], *pairs["tau"])):
         kinds = [kind for kind in ("q", "tau") if (i, j) in pairs[kind]]
