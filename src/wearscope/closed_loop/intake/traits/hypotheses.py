@@ -358,11 +358,14 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
             "them without it, or declare time_delay, which undoes most of it where motions are slow.",
             codes,
         )
-    return (
-        f"the torque channels come {abs(times[0]):.0f} ms {'late' if times[0] > 0.0 else 'early'} against "
-        "the positions; align the channels, or declare time_delay.",
-        codes,
-    )
+    if times[0] < 0.0:
+        told = f"come {-times[0]:.0f} ms early against the positions; align the channels"
+    else:
+        told = (
+            f"come {times[0]:.0f} ms late against the positions, or passed a filter that delays them by as "
+            "much; align the channels, or record them without the filter"
+        )
+    return f"the torque channels {told}, or declare time_delay.", codes
 
 
 def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
