@@ -211,3 +211,18 @@ def test_pushes_are_not_told_as_a_body_of_which_nothing_is_known(tmp_path):
     bench.record(torque).accept()
     notes = diagnose(tmp_path / "d").verdict["notes"]
     assert not [note for note in notes if "moments of unknown, +0, unknown" in note], notes
+
+
+def test_a_balancer_of_a_slide_is_no_mass(tmp_path):
+    """A cylinder carries 40 N of a slide's 78 N of weight; the rotor hides what the mass does otherwise."""
+
+    def torque(q, v, a, rng, t):
+        return 8.0 * (9.81 + a) + 6.0 * a - 40.0 + rub(v, 9.0, 20.0) + rng.normal(0, 0.8, q.shape)
+
+    bench = Bench(tmp_path, 1, size=0.1, rate=100.0, runs=4, frequencies=(0.2, 0.5, 0.9))
+    slide = Joint("j1", "0 0 1", 8.0, kind="prismatic", limits="-1 1 900 9")
+    (tmp_path / "arm.urdf").write_text(describe_robot(slide))
+    said = bench.record(torque).accept("--position-unit", "m")
+    assert any("of the weight that the stated bodies have there" in line for line in said)
+    (note,) = [note for note in diagnose(tmp_path / "d").verdict["notes"] if note.startswith(LOAD)]
+    assert "no mass or moment of one link is certain" in note and "balancer" in note

@@ -190,8 +190,12 @@ def _tell_body(after: Regression, link: int, most_rows: float) -> tuple[str, boo
     prepared, n = after.prepared, after.prepared.n
     effect = load_effect("inertial_error").for_robot(n)
     body = ModelTerm(effect, link, (), tuple(range(10 * link, 10 * link + 10)))
+    # A slide's weight is a constant, which a balancer or the sensor's zero may be as well.
+    offset, has = load_effect("torque_offset"), {(term.joint, term.effect.name) for term in after.entries}
+    slides = [j for j, unit in enumerate(prepared.dataset.position_unit) if unit == "m"]
+    free = [ModelTerm(offset, j, (), (0,)) for j in slides if (j, offset.name) not in has]
     model = refit(
-        Regression(prepared, after.entries, after.sigma, False, after.blocks), [*after.entries, body]
+        Regression(prepared, after.entries, after.sigma, False, after.blocks), [*after.entries, *free, body]
     )
     own = model.spans[-1]
     # The prior is that of a URDF's errors. Where a body exceeds it, what only the prior tells is less sure.
