@@ -209,3 +209,13 @@ def test_whole_numbers_without_a_unit_may_be_shares_of_a_rated_torque(tmp_path, 
     assert (
         any("whole numbers may be per mille or counts (then --torque-constant)" in n for n in notes) == told
     )
+
+
+def test_a_joint_that_has_another_name_in_the_file_is_guessed(tmp_path):
+    """A telescope's axis RA is recorded as HA; without it, gravity acts along another direction."""
+    bench = Bench(tmp_path, 2, size=0.8).record(LOAD)
+    for file in tmp_path.glob("run*.csv"):
+        file.write_text(file.read_text().replace("q1", "HA_rad").replace("q2", "j2_rad"))
+    told = bench.refuse("--torque", "tau1,tau2")
+    assert "and none that name j1" in told and "give --position 'HA_rad,j2_rad'" in told
+    bench.accept("--torque", "tau1,tau2", "--position", "HA_rad,j2_rad")

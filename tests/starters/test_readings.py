@@ -11,7 +11,8 @@ import yaml
 from changed_fields import changed_fields
 from click.testing import CliRunner
 from folders import change_runs, find_real
-from recorded_chain import Bench, chain, hang, rub, torque_of
+from recorded_chain import Bench, chain, hang, pivot, rub, torque_of
+from urdf_texts import describe_robot
 
 from wearscope.checking.dataset import check_dataset
 from wearscope.cli.main import wearscope
@@ -501,6 +502,24 @@ def test_every_line_of_a_refusal_is_taken(tmp_path):
 def test_a_line_with_several_codes_is_one_that_the_command_takes():
     told = 'd: late; if it is right as it is, write "accept: [clipped tau_a, late tau]" in dataset.yaml.'
     assert _name_option(told).endswith("give --accept 'clipped tau_a' --accept 'late tau'.")
+
+
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1)])
+def test_joints_in_another_order_are_told_with_options_that_name_all_columns(tmp_path, order):
+    masses, order = np.array([2.0, 1.2, 0.5]), list(order)
+
+    def torque(q, v, a, rng, t):
+        return (chain(q, v, a, masses, 0.3) + rub(v, 0.2, 0.1) + rng.normal(0, 0.02, q.shape))[:, order]
+
+    bench = Bench(tmp_path, 3, 1.0, size=0.6)
+    (tmp_path / "arm.urdf").write_text(
+        describe_robot(*(pivot(f"j{k + 1}", -0.3 if k else 0, m, -0.3) for k, m in enumerate(masses)))
+    )
+    told = bench.record(torque, position=lambda q, k: q[:, order]).refuse()
+    where = [order.index(k) + 1 for k in range(3)]
+    lists = [",".join(f"{kind}{k}" for k in where) for kind in ("q", "tau")]
+    assert f"give --position '{lists[0]}' --torque '{lists[1]}'" in told
+    bench.accept("--position", lists[0], "--torque", lists[1])
 
 
 @pytest.mark.parametrize("rates", [(183, 187, 191), slow((20, 21, 22))])

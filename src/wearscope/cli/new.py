@@ -1,7 +1,7 @@
 """The command `wearscope new`: writes first versions of studies, robots, data sets and code."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -435,9 +435,9 @@ def dataset(recordings, urdf, name, folder, joints, declare, servo, turned, **st
             write_schema(made, DatasetFields) + file.read_text(encoding="utf-8"), encoding="utf-8"
         )
         found = check_dataset(made)
+        given = [_name_given(one, made, target, urdf, recordings, converted.runs) for one in found.problems]
         found.problems = [
-            _name_option(_name_given(one, made, target, urdf, recordings, converted.runs))
-            for one in found.problems
+            _name_columns(_name_option(one), converted.joints, converted.columns) for one in given
         ]
         if found.problems:
             say(*(f"  wrong: {problem}" for problem in found.problems[:-1]))
@@ -495,6 +495,29 @@ def _by_file(option: str, entries: tuple[str, ...], recordings: tuple[Path, ...]
             raise InputError(f"--{option} {entry}: is no FILE=VALUE of one of the recordings; correct it.")
         found[Path(file).name] = value
     return found
+
+
+def _name_columns(problem: str, joints: Sequence[str], columns: Mapping[str, Sequence[str]]) -> str:
+    """Return a problem whose exchanges are options that name the recordings' columns in another order.
+
+    Parameters
+    ----------
+    problem : str
+    joints : sequence of str
+    columns : mapping of str to sequence of str
+        The recordings' columns by kind of signal, in the order of the joints.
+    """
+    told = re.search(r"exchange '(?:q|tau)_.*?(?=[;.])", problem)
+    if told is None:
+        return problem
+    ordered = {kind: list(own) for kind, own in columns.items()}
+    for kind, one, other in re.findall(r"'(q|tau)_(\S+)' with '(?:q|tau)_(\S+)'", told[0]):
+        i, j = joints.index(one), joints.index(other)
+        for role in ("position", "velocity") if kind == "q" else ("torque", "current"):
+            if own := ordered.get(role):
+                own[i], own[j] = own[j], own[i]
+    options = [f"--{kind} '{','.join(own)}'" for kind, own in ordered.items() if own != list(columns[kind])]
+    return problem.replace(told[0], f"give {' '.join(options)}")
 
 
 def _name_option(problem: str) -> str:

@@ -378,6 +378,21 @@ def name_joints(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
     ]
 
 
+def guess_positions(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Guess a column of positions for each joint, where some joints have another name in the columns.
+
+    Joints without columns take the columns that name no joint, in order. Empty where their numbers differ.
+    """
+    words = {column: split_name(_without_unit(column, "position")) for column in columns}
+    some = [
+        c for c, one in words.items() if _is_kind(one, "position", c) and not set(one) & (_TARGET | _OTHER)
+    ]
+    other = iter([column for column in some if not name_joints([column], joints)])
+    own = [next((column for column in some if name_joints([column], [joint])), "") for joint in joints]
+    guessed = [column or next(other, "") for column in own]
+    return guessed if all(guessed) and next(other, None) is None else []
+
+
 def _rank(words: Sequence[str], kind: str) -> int:
     """Rank a set of columns by its words; the likeliest measured signal has the lowest rank."""
     marks = set(words)

@@ -12,7 +12,7 @@ import pandas as pd
 from wearscope.errors import InputError
 from wearscope.robots.spatial import Array
 from wearscope.robots.urdf import Joint, free_joints, movable_joints, parse_urdf
-from wearscope.starters.columns import count_numbered, find_groups, name_joints
+from wearscope.starters.columns import count_numbered, find_groups, guess_positions, name_joints
 from wearscope.starters.figures import take_option
 from wearscope.starters.held import take_news
 from wearscope.starters.mapped import (
@@ -55,6 +55,8 @@ class Converted:
     runs : list of Recorded
     notes : list of str
         What was guessed, in sentences for the user.
+    columns : dict of str to tuple of str
+        Columns of the last recording, by kind of signal, in the order of the joints.
     """
 
     joints: list[str]
@@ -62,6 +64,7 @@ class Converted:
     rate: float
     runs: list[Recorded]
     notes: list[str]
+    columns: dict[str, tuple[str, ...]]
 
 
 def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Converted:
@@ -105,7 +108,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     wrapped: set[str] = set()
     for file, part, frame, told in read:
         opened.append(part)
-        run, rate, slower, wraps = _convert(part, frame, ordered, mapped, told)
+        run, rate, slower, wraps, own = _convert(part, frame, ordered, mapped, told)
         wrapped |= wraps
         stated = None if slower else stated
         _note(notes, told, part.name)
@@ -116,7 +119,7 @@ def convert_recordings(files: Sequence[Path], urdf: Path, mapped: Mapped) -> Con
     rate, told = take_common_rate(runs, rates, opened, stated)
     notes += [f"sample rate: {rate:g} Hz, " + ("as stated." if stated else "from the clock."), *told]
     notes += choose_uses(runs, opened, mapped.test, rate)
-    return Converted(joints, prismatic, rate, runs, notes)
+    return Converted(joints, prismatic, rate, runs, notes, own)
 
 
 def _split_restarts(
@@ -170,9 +173,11 @@ def _choose_joints(
             f"{', '.join(rest)}: left out, as a hand behind {given[-1]} that has no columns; locked at 0."
         )
         return given
-    raise InputError(
-        f"{file}: has {told}, and {urdf.name} moves {', '.join(joints)}; give --joints {','.join(given)}."
-    )
+    remedy = f"give --joints {','.join(given)}."
+    if named and (guessed := guess_positions(columns, joints)):
+        told += f", and none that name {', '.join(rest)}"
+        remedy = f"give --position '{','.join(guessed)}' if these are theirs; else {remedy}"
+    raise InputError(f"{file}: has {told}, and {urdf.name} moves {', '.join(joints)}; {remedy}")
 
 
 def _tell_left_out(
@@ -226,11 +231,11 @@ def _name_run(file: Path, runs: Sequence[Recorded]) -> str:
 
 def _convert(
     file: Path, frame: pd.DataFrame, ordered: Sequence[Joint], mapped: Mapped, notes: list[str]
-) -> tuple[pd.DataFrame, float, bool, set[str]]:
+) -> tuple[pd.DataFrame, float, bool, set[str], dict[str, tuple[str, ...]]]:
     """Convert one recording to the platform's columns, and add what was guessed to the notes.
 
     Returns the table, its sample rate [Hz], whether the rate is that of a slower column whose values repeat
-    over rows, and the joints whose angle began again after a full turn.
+    over rows, the joints whose angle began again after a full turn, and the recording's columns by kind.
     """
     joints = [joint.name for joint in ordered]
     groups = choose_groups(file, [str(c) for c in frame.columns], joints, mapped)
@@ -306,7 +311,7 @@ def _convert(
         if "temperature" in values:
             columns[f"temp_{joint}"] = values["temperature"][:, k]
     notes += [f"{file.name}: {line}" for line in describe_groups(groups)]
-    return pd.DataFrame(columns), find_rate(t), bool(held), wrapped
+    return pd.DataFrame(columns), find_rate(t), bool(held), wrapped, own
 
 
 def _read_time(file: Path, frame: pd.DataFrame, mapped: Mapped, notes: list[str]) -> tuple[Array, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from changed_fields import changed_fields
 from folders import fit_problem
-from recorded_chain import Bench, rub, torque_of
+from recorded_chain import Bench, chain, pivot, rub, torque_of
 from urdf_texts import Joint, describe_robot
 
 from wearscope.closed_loop.diagnosis import diagnose
@@ -177,3 +177,52 @@ def test_friction_by_another_load_than_the_model_s_says_so(record, carry):
     assert ("a", "load_dependent_friction") in {(e["joint"], e["effect"]) for e in verdict["verdict"]}
     (told,) = [note for note in verdict["notes"] if "load_dependent_friction is fitted" in note]
     assert told.startswith("a: ")
+
+
+def test_a_resting_joint_whose_mass_is_on_its_axis_tells_no_mass(tmp_path):
+    """As of a cobot's wrist: its torque is the sensor's noise, and no limit of the drive."""
+
+    def torque(q, v, a, rng, t):
+        one = chain(q[:, :1], v[:, :1], a[:, :1], 1.7, 0.3) + rub(v[:, :1], 0.2, 0.1)
+        return np.hstack([one, 0.0 * one]) + 2e-3 * a[:, :1] + rng.normal(0, 0.02, q.shape)
+
+    def rest(q, k):
+        return q * [1.0, 0.0] + np.random.default_rng(k).normal(0.0, 2e-5, q.shape)
+
+    bench = Bench(tmp_path, 2, size=0.8, rate=125.0, runs=4, seconds=16.0)
+    shape = {"moments": "2e-3 2e-3 2e-3", "limits": "-3.1 3.1 900 9"}
+    wrist = Joint("j2", "0 -1 0", 0.5, com="0 0.1 0", at="0 0 -0.3", **shape)
+    (tmp_path / "arm.urdf").write_text(describe_robot(pivot("j1", 0, 1.2, -0.3), wrist))
+    said = bench.record(torque, position=rest).accept()
+    assert any("j2: no motion in the train runs" in line for line in said)
+    notes = diagnose(tmp_path / "d").verdict["notes"]
+    assert not [note for note in notes if note.startswith(LOAD)], notes
+
+
+def test_pushes_are_not_told_as_a_body_of_which_nothing_is_known(tmp_path):
+    """The joint is moved by hand in two of three training runs."""
+    runs = iter(range(4))
+
+    def torque(q, v, a, rng, t):
+        push = np.convolve(rng.normal(0.0, 1.0, len(t)), np.exp(-np.arange(400) / 80.0))[: len(t), None]
+        return torque_of(1.2, 0.2, 0.05, noise=0.02)(q, v, a, rng, t) + (next(runs) < 2) * 0.2 * push
+
+    bench = Bench(tmp_path, 1, size=0.6, rate=100.0, seconds=20.0, runs=4, frequencies=(0.2, 0.4, 0.7))
+    bench.record(torque).accept()
+    notes = diagnose(tmp_path / "d").verdict["notes"]
+    assert not [note for note in notes if "moments of unknown, +0, unknown" in note], notes
+
+
+def test_a_balancer_of_a_slide_is_no_mass(tmp_path):
+    """A cylinder carries 40 N of a slide's 78 N of weight; the rotor hides what the mass does otherwise."""
+
+    def torque(q, v, a, rng, t):
+        return 8.0 * (9.81 + a) + 6.0 * a - 40.0 + rub(v, 9.0, 20.0) + rng.normal(0, 0.8, q.shape)
+
+    bench = Bench(tmp_path, 1, size=0.1, rate=100.0, runs=4, frequencies=(0.2, 0.5, 0.9))
+    slide = Joint("j1", "0 0 1", 8.0, kind="prismatic", limits="-1 1 900 9")
+    (tmp_path / "arm.urdf").write_text(describe_robot(slide))
+    said = bench.record(torque).accept("--position-unit", "m")
+    assert any("of the weight that the stated bodies have there" in line for line in said)
+    (note,) = [note for note in diagnose(tmp_path / "d").verdict["notes"] if note.startswith(LOAD)]
+    assert "no mass or moment of one link is certain" in note and "balancer" in note

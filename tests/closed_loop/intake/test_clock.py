@@ -1,10 +1,18 @@
 """Clocks of real recorders: any origin, uneven steps, lost samples, gaps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from folders import change_runs, check
 
-from wearscope.closed_loop.intake.clock import check_clock, mark_losses, resample, split_at_gaps
+from wearscope.closed_loop.intake.clock import (
+    check_clock,
+    mark_losses,
+    resample,
+    space_evenly,
+    split_at_gaps,
+)
 from wearscope.closed_loop.intake.recording import Run
 from wearscope.closed_loop.intake.thinning import Budget, thin_dataset
 from wearscope.errors import InputError
@@ -41,6 +49,20 @@ def test_a_clock_of_another_rate_is_refused(rate):
     told = r"which is 100 Hz \(93\.75\d* Hz on average\), where sample_rate says"
     with pytest.raises(InputError, match=told):
         check_clock("f", STEPS, rate)
+
+
+@pytest.mark.parametrize("stamps_jitter", [True, False])
+def test_jitter_is_told_from_uneven_sampling_by_the_smoothness_of_positions(stamps_jitter):
+    kept = np.delete(np.arange(2000), [700, 701])
+    late = T[kept] + np.random.default_rng(3).uniform(-2e-3, 2e-3, len(kept))
+    run = make_run(T[kept] if stamps_jitter else late)
+    run, _ = split_at_gaps(replace(run, t=late), RATE, "f")
+    even, notes = space_evenly(run[0], RATE)
+    uniform = resample(even, RATE)
+    error = uniform.q[:, 0] - np.sin(np.pi * (uniform.t - uniform.t[0] + (0.0 if stamps_jitter else late[0])))
+    assert np.sqrt(np.mean(error**2)) < 1e-3
+    assert ("jitters by up to 2" in "".join(notes)) == stamps_jitter
+    assert {700, 701} <= set(np.flatnonzero(mark_losses(uniform))) <= {699, 700, 701, 702}
 
 
 def test_a_few_lost_samples_are_interpolated_and_marked():

@@ -88,14 +88,18 @@ def tell_loads(prepared: Prepared, predicted: Sequence[Predicted], after: Regres
         squares = {len(mass): 0.25 * float(np.mean(error**2)), free: float(apart @ apart) / free}
         wide = max(stats.t.ppf(0.975, dof) * np.sqrt(one * each_way) for dof, one in squares.items())
         each = ", ".join(f"{file} {m - mass.min():.2g} kg" for file, m in zip(files, mass, strict=True))
-        # As many decimals as the interval's first significant digit needs.
-        decimals = int(np.clip(-np.floor(np.log10(max(wide, 1e-300))), 2, 4))
-        low, middle, high = (f"{one:.{decimals}f}" for one in (added - wide, added, added + wide))
+        middle, low, high = _round_alike(added, added - wide, added + wide)
         told = (
             f"{_DIFFERS}, {', '.join(np.array(files)[heavier])} with {middle} kg ({low} to {high}) more than "
             f"the others: loads by run explain {100 * share:.0f} % of what is left (by run: {each})"
         )
     return [f"{told}. State each run's payload, or leave out the runs with another load."]
+
+
+def _round_alike(middle: float, low: float, high: float, sign: str = "") -> list[str]:
+    """A value and its interval, with the decimals that the interval's first significant digit needs."""
+    decimals = int(np.clip(-np.floor(np.log10(max(0.5 * (high - low), 1e-300))), 0, 4))
+    return [f"{one:{sign}.{decimals}f}" for one in (middle, low, high)]
 
 
 def tell_other_loads(after: Regression, terms: Sequence[ModelTerm]) -> list[str]:
@@ -135,19 +139,23 @@ def tell_masses(after: Regression, most_rows: float) -> tuple[list[str], str]:
     joints, runs = prepared.dataset.joints, prepared.runs_for("train")
     stated = np.linalg.norm(np.concatenate([run.reduce(run.known) for run in runs]), axis=0)
     added = np.concatenate(after.columns)[..., : 10 * n] @ after.solve()[: 10 * n]
-    change = np.linalg.norm(added, axis=0) / np.maximum(stated, 1e-300)
-    far = np.flatnonzero(change > _USUAL).tolist()
+    added = np.linalg.norm(added, axis=0)
+    change = added / np.maximum(stated, 1e-300)
+    # What is smaller than the noise, as where a link's mass is on its axis, tells no mass.
+    seen = prepared.moving & (added > after.sigma * np.sqrt(sum(len(run.t) for run in runs)))
+    far = np.flatnonzero((change > _USUAL) & seen).tolist()
     if not far:
         return [], ""
+    change = np.where(seen, change, 0.0)
     shares = _share_links(after)
     alike = [int(k) for k in np.argsort(-shares) if shares[k] >= _ALIKE]
-    if not alike:
+    told, of_payload = _tell_body(after, alike[0], most_rows) if alike else ("", False)
+    if not told:
+        why = "no mass or moment of one link is certain" if alike else "no single link explains that"
         return [joints[j] for j in far], (
-            f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and no single "
-            f"link explains that: {', '.join(f'{joints[j]} {100 * change[j]:.0f} %' for j in far)}. "
-            f"Either {_CAUSES}"
+            f"{MASSES} change the bodies' torque by up to {100 * change.max():.0f} % (RMS), and {why}: "
+            f"{', '.join(f'{joints[j]} {100 * change[j]:.0f} %' for j in far)}. Either {_CAUSES}"
         )
-    told, of_payload = _tell_body(after, alike[0], most_rows)
     removes = f"it removes {100 * shares[alike[0]]:.0f} % of the error that they remove"
     if of_payload:
         return [joints[alike[0]]], (
@@ -175,12 +183,19 @@ def _share_links(after: Regression) -> np.ndarray:
 
 
 def _tell_body(after: Regression, link: int, most_rows: float) -> tuple[str, bool]:
-    """Mass or moments of a body that is added to a link, and whether it can be a payload."""
+    """Mass or moments of a body that is added to a link, and whether it can be a payload.
+
+    The text is empty where neither is known.
+    """
     prepared, n = after.prepared, after.prepared.n
     effect = load_effect("inertial_error").for_robot(n)
     body = ModelTerm(effect, link, (), tuple(range(10 * link, 10 * link + 10)))
+    # A slide's weight is a constant, which a balancer or the sensor's zero may be as well.
+    offset, has = load_effect("torque_offset"), {(term.joint, term.effect.name) for term in after.entries}
+    slides = [j for j, unit in enumerate(prepared.dataset.position_unit) if unit == "m"]
+    free = [ModelTerm(offset, j, (), (0,)) for j in slides if (j, offset.name) not in has]
     model = refit(
-        Regression(prepared, after.entries, after.sigma, False, after.blocks), [*after.entries, body]
+        Regression(prepared, after.entries, after.sigma, False, after.blocks), [*after.entries, *free, body]
     )
     own = model.spans[-1]
     # The prior is that of a URDF's errors. Where a body exceeds it, what only the prior tells is less sure.
@@ -198,15 +213,16 @@ def _tell_body(after: Regression, link: int, most_rows: float) -> tuple[str, boo
     enough = high >= 0.0 or any(one.payload for one in bodies)
     possible = link == n - 1 and enough and np.linalg.norm(values[1:4]) <= bodies[0].reach * heaviest
     if weighed:
-        told = f"{values[0]:+.3g} kg ({low:+.3g} to {high:+.3g} if the URDF's other masses are right)"
+        mass, least, most = _round_alike(values[0], low, high, "+")
+        told = f"{mass} kg ({least} to {most} if the URDF's other masses are right)"
     else:
         some = np.where(np.abs(values[1:4]) < 1e-3 * np.abs(values[1:4]).max(), 0.0, values[1:4])
         # Where the motions show only the sum of a moment and the mass, neither is known.
         known = (some == 0.0) | (np.abs(some) > np.ptp(ends[1:], axis=1))
         moments = ", ".join(f"{m:+.3g}" if k else "unknown" for m, k in zip(some, known, strict=True))
-        told = (
-            f"unknown mass, with moments of {moments} kg m about the frame of {prepared.dataset.joints[link]}"
-        )
+        frame = prepared.dataset.joints[link]
+        told = f"unknown mass, with moments of {moments} kg m about the frame of {frame}"
+        told = told if (known & (some != 0.0)).any() else ""
     return told, possible
 
 

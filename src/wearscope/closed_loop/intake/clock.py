@@ -146,6 +146,29 @@ def split_at_gaps(run: Run, rate: float, where: str) -> tuple[list[Run], list[st
     return pieces, notes
 
 
+def space_evenly(run: Run, rate: float) -> tuple[Run, list[str]]:
+    """Run whose rows are evenly spaced in time where that makes its positions smoother, with a note.
+
+    Often a device samples at an even rate, and only the stamps jitter. Where the samples themselves jitter,
+    their stamps make the positions smoother.
+    """
+    row = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(np.diff(run.t) * rate), 1.0))])
+    even = np.polyval(np.polyfit(row, run.t, 1), row)
+    even += run.t[0] - even[0]
+    off = np.abs(even - run.t - np.mean(even - run.t))
+    if off.max() < 1e-3 / rate or off.max() > 1.0 / rate:
+        return run, []
+    other = replace(run, t=even, losses=np.interp(run.losses, run.t, even))
+    rough = [(np.diff(resample(one, rate).q, 3, axis=0) ** 2).sum(axis=0) for one in (run, other)]
+    moves = (rough[0] > 0.0) & (rough[1] > 0.0)
+    if np.log(rough[1][moves] / rough[0][moves]).sum() >= 0.0:
+        return run, []
+    return other, [
+        f"{run.file}: rows are evenly spaced in time, as positions are smoother so than by column 't', which "
+        f"jitters by up to {1e3 * off.max():.2g} ms."
+    ]
+
+
 def resample(run: Run, rate: float) -> Run:
     """Run on a uniform time grid; runs that already are uniform come back as they are."""
     uniform = run.t[0] + np.arange(round((run.t[-1] - run.t[0]) * rate) + 1) / rate

@@ -112,7 +112,7 @@ def make_rough(
     made = differentiate_run(source.run, rate, cutoff, motion.top_speed)
     q, v, a = (decimate(x, factor) for x in (made.q, made.v, made.a))
     known = source.body.inverse_dynamics(q, v, a) + inertia * a
-    slow = np.abs(v) < np.maximum(made.sure_speed, _STILL * motion.top_speed.max())
+    slow = ~motion.moving | (np.abs(v) < np.maximum(made.sure_speed, _STILL * motion.top_speed.max()))
     sign = np.sign(v)
     return RoughRun(
         source.run.use,

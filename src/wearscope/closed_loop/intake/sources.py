@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wearscope.closed_loop.intake.cleaning import QUANTA, clean_run
-from wearscope.closed_loop.intake.clock import mark_losses, resample, split_at_gaps
+from wearscope.closed_loop.intake.clock import mark_losses, resample, space_evenly, split_at_gaps
 from wearscope.closed_loop.intake.dataset import Dataset, RunRecord
 from wearscope.closed_loop.intake.dataset_fields import PayloadFields
 from wearscope.closed_loop.intake.pushes import say_pushes
@@ -117,7 +117,9 @@ def clean_record(
     notes += told
     sources = []
     for piece in pieces:
-        uniform = resample(piece, rate)
+        even, told = space_evenly(piece, rate)
+        notes += told
+        uniform = resample(even, rate)
         uniform.quantum = _share_quantum(dataset, uniform)
         cleaned = clean_run(uniform, dataset.joints, where, reach, dataset.accepted)
         notes += cleaned.notes

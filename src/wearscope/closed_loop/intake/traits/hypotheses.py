@@ -4,7 +4,7 @@ A reading is a set of traits. To add a trait, write here which readings it propo
 reading that has it. The score alone decides between readings.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
@@ -358,11 +358,14 @@ def _tell_delays(r: Reading, rows: Rows) -> Told | None:
             "them without it, or declare time_delay, which undoes most of it where motions are slow.",
             codes,
         )
-    return (
-        f"the torque channels come {abs(times[0]):.0f} ms {'late' if times[0] > 0.0 else 'early'} against "
-        "the positions; align the channels, or declare time_delay.",
-        codes,
-    )
+    if times[0] < 0.0:
+        told = f"come {-times[0]:.0f} ms early against the positions; align the channels"
+    else:
+        told = (
+            f"come {times[0]:.0f} ms late against the positions, or passed a filter that delays them by as "
+            "much; align the channels, or record them without the filter"
+        )
+    return f"the torque channels {told}, or declare time_delay.", codes
 
 
 def _propose_clocks(few: Weighing, r: Reading) -> Iterator[Reading]:
@@ -497,9 +500,19 @@ def _propose_exchanges(few: Weighing, r: Reading) -> Iterator[Reading]:
             yield r.has("exchanged", 0.0, crossed=frozenset([j]))
 
 
+def _list_exchanges(order: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs to exchange, one after the other, until each place holds what `order` says."""
+    here, pairs = list(range(len(order))), []
+    for j, wanted in enumerate(order):
+        k = here.index(wanted)
+        if k != j:
+            here[j], here[k] = here[k], here[j]
+            pairs.append((j, k))
+    return pairs
+
+
 def _tell_exchanges(r: Reading, rows: Rows) -> Told | None:
-    moved = {"q": r.motion_of, "tau": r.torque_of}
-    pairs = {kind: [(j, k) for j, k in enumerate(of) if j < k] for kind, of in moved.items()}
+    pairs = {"q": _list_exchanges(r.motion_of), "tau": _list_exchanges(r.torque_of)}
     told, codes = [], []
     for i, j in dict.fromkeys((*pairs["q"], *pairs["tau"])):
         kinds = [kind for kind in ("q", "tau") if (i, j) in pairs[kind]]
