@@ -259,6 +259,9 @@ def test_residual_is_set_against_the_signals_of_the_right_joint(tmp_path):
     # The verdict's signals first, the direction as speed, then those along which medians scatter most.
     assert dominant_signals(loop, "b") == ["q_a", "qd_b"]
     assert dominant_signals(loop, "a") == ["qd_a", "qd_b", "q_a"]
+    # What is left comes before a refuted name.
+    loop.verdict["joints"]["b"]["depends_on"] = ["qd_b"]
+    assert dominant_signals(loop, "b") == ["qd_b", "q_a"]
     rows = against_signal(loop, "b", "load_a")
     assert len(rows) == 2 * 140
     assert np.allclose(rows["x"], np.tile(3 * np.cos(T[60:]), 2))

@@ -123,12 +123,14 @@ def bounded(value: float, interval: Sequence[Any] | None) -> str:
 def dominant_signals(loop: ClosedLoop, joint: str, most: int = 3) -> list[str]:
     """Signals to draw a joint's residual against, as ``<code>_<joint>`` or ``t``.
 
-    First the signals that its verdict names, then those that the unexplained residual depends on, then those
-    along which the medians of the residual before the correction scatter most. A dependence on the direction
-    of motion is drawn over the speed, as a step at 0.
+    First the signals of its names, then those that the unexplained residual depends on, then those of refuted
+    names, then those along which the medians of the residual before the correction scatter most. A dependence
+    on the direction of motion is drawn over the speed, as a step at 0.
     """
-    wanted = [name for entry in loop.entries_at(joint) for name in entry["depends_on"]]
-    wanted += loop.verdict["joints"][joint]["depends_on"]
+    entries = loop.entries_at(joint)
+    stays, goes = ([one for one in entries if (one["status"] == "refuted") == gone] for gone in (False, True))
+    left = loop.verdict["joints"][joint]
+    wanted = [name for one in (*stays, left, *goes) for name in one["depends_on"]]
     if (table := loop.profiles) is not None:
         own = table[(table["joint"] == joint) & (table["stage"] == "before")]
         wanted += list(own.groupby("signal")["median"].std().sort_values(ascending=False).index)
