@@ -243,8 +243,7 @@ def tell_planted(verdict: Verdict, planted: Verdict) -> str:
             if entry["joint"] == one["joint"] and accepted & {entry["effect"], *entry.get("equivalent", [])}
         ]
         right += hits
-        found = "found" if hits else "not found"
-        parts.append(f"{effect_name(one['effect'])} at {one['joint']} ({found})")
+        parts.append(f"{effect_name(one['effect'])} at {one['joint']} ({'' if hits else 'not '}found)")
     wrong = [f"{effect_name(entry['effect'])} at {entry['joint']}" for entry in entries if entry not in right]
     return _say("planted", parts, wrong)
 

@@ -277,8 +277,10 @@ def _outcome(tracking: Tracking) -> Markup:
     last = tracking.outcome["sessions"][-1]
     unknown = [*tracking.open_changes().values()]
     told = [text.partition(". ") for text in unknown]
-    changes = [upper_first(tell_entry(entry)) for entry in last["changes"]]
-    changes += [f"{text.rstrip('.')}." for text, *_ in told]
+    changes = [
+        *(upper_first(tell_entry(entry)) for entry in last["changes"]),
+        *(f"{text.rstrip('.')}." for text, *_ in told),
+    ]
     named = {(entry["joint"], entry["effect"]) for entry in last["changes"]}
     changes += [
         f"This wear adds {format_number(one['level'], 2)} % to the friction of {one['joint']}."
@@ -388,12 +390,14 @@ def trend_table(tracking: Tracking) -> pd.DataFrame:
         ends = {"value": "value", "value_low": "low", "value_high": "high"}
         table = share * rows[[*ends]].rename(columns=ends).astype(float)
         known = {(s, j) for s, j, e in changes if (e in _WEARS if friction else e == effect)}
-        states = ["change named" if (one, joint) in known else "no change named" for one in rows.index]
-        if friction:
-            states = [
-                _OPEN if (one, joint) in unknown else state
-                for one, state in zip(rows.index, states, strict=True)
-            ]
+        states = [
+            _OPEN
+            if friction and (one, joint) in unknown
+            else "change named"
+            if (one, joint) in known
+            else "no change named"
+            for one in rows.index
+        ]
         seen = [smallest.get(one, {}).get(joint, {}).get(_SHARE, np.nan) for one in rows.index]
         table["alarm"] = 100.0 + 100.0 * np.array(seen) if friction else np.nan
         table["state"] = pd.Series(states, rows.index).mask(rows["healthy"].eq(True), "healthy, held out")

@@ -15,8 +15,9 @@ def named(name: str) -> alt.Chart:
 def symlog(field: str, title: str) -> alt.X:
     """Horizontal axis, logarithmic beyond ±1: 0, ±0.5, and 1, 2 and 5 times powers of ten on both sides."""
     sizes = [0.5, *(step * 10**power for power in range(7) for step in (1, 2, 5))]
-    values = [*(-size for size in reversed(sizes)), 0, *sizes]
-    axis = alt.Axis(values=values, format=",.2~r", labelOverlap="greedy")
+    axis = alt.Axis(
+        values=[*(-size for size in reversed(sizes)), 0, *sizes], format=",.2~r", labelOverlap="greedy"
+    )
     return alt.X(field, title=title, scale=alt.Scale(type="symlog", constant=1), axis=axis)
 
 
