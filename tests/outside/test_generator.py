@@ -188,7 +188,7 @@ def test_a_name_whose_parameter_no_machine_has_leaves_its_joint_unexplained(tmp_
         "load_joint_2",
         "qdd_joint_2",
     ]
-    assert joint["reason"].startswith("joint_elasticity would explain it: compliance 0.0096")
+    assert joint["reason"].startswith("joint elasticity would explain it: compliance 0.0096")
     assert joint["unexplained_rms"] > 0.8 * joint["rms_after"]
 
 

@@ -127,7 +127,7 @@ def test_shares_of_the_residual(says):
 
 def test_what_is_left_at_a_joint():
     left = JOINT | UNEXPLAINED | {"unexplained_rms": 30.0, "depends_on": ["q_a", "t"], "reason": "seen"}
-    assert tell_left(left) == "30 N m RMS of it depends on position of a and time"
+    assert tell_left(left) == "30 N m RMS of the training runs' residual depends on position of a and time"
     reason = "the test runs' error is 4.0 times the training runs'"
     assert tell_left(left | {"depends_on": [], "reason": reason}) == f"T{reason[1:]}"
     assert size_left(JOINT | {"left_percent": 3.0}) == "3 % of the torque" and size_left(JOINT) == ""

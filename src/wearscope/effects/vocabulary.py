@@ -23,6 +23,11 @@ TITLES = {
 }
 
 
+def say_effect(name: str) -> str:
+    """Return the name of an effect in words: ``Stribeck friction``; of an own effect, its name as text."""
+    return TITLES.get(name, name.replace("_", " "))
+
+
 @cache
 def _builtin() -> tuple[Effect, ...]:
     """Load all effects of the platform once."""

@@ -50,9 +50,9 @@ def words(value: object) -> str:
 def effect_name(code: str) -> str:
     """Readable name of an effect: ``Stribeck friction``; of an own effect, its code as text."""
     # Imported here: it brings compiled code, and a study without a loop does not need it.
-    from wearscope.effects.vocabulary import TITLES
+    from wearscope.effects.vocabulary import say_effect
 
-    return TITLES.get(code, words(code))
+    return say_effect(code)
 
 
 def change_name(code: str, joint: str) -> str:

@@ -30,7 +30,7 @@ def test_a_refuted_name_is_not_in_the_model_and_no_joint_is_worse(record, tmp_pa
     assert (entry["effect"], entry["status"], entry["in_model"]) == ("torque_ripple", "refuted", False)
     joint = found.verdict["joints"]["a"]
     assert joint["rms_after"] == joint["rms_before"] and joint["error"] == "same"
-    assert joint["state"] == "unexplained" and "torque_ripple" in joint["reason"]
+    assert joint["state"] == "unexplained" and "torque ripple" in joint["reason"]
     found.write(tmp_path)
     effects = yaml.safe_load((tmp_path / "model_after.yaml").read_text())["effects"]
     assert "torque_ripple" not in [one["effect"] for one in effects]

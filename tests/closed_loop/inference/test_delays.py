@@ -105,7 +105,7 @@ def test_a_name_that_imitates_a_refused_one_does_not_take_its_place(record, pose
     (term,) = answer.model.terms
     assert answer.replace([term], "it is refused") is None
     bare = answer.without([term], "it is refused")
-    assert not bare.model.terms and "time_delay would remove" in bare.suspected[0]
+    assert not bare.model.terms and "time delay would remove" in bare.suspected[0]
     rows = bare.candidates.query("effect == 'time_delay' and step == 1 and not taken")
     assert "it is refused" in set(rows["reason"])
 

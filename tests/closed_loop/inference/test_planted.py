@@ -109,7 +109,7 @@ def test_names_that_share_what_an_effect_of_unbelievable_size_is_are_none(tmp_pa
     (joint,) = planted["joints"]
     assert [e["effect"] for e in verdict["verdict"] if e["joint"] == joint] == []
     assert verdict["joints"][joint]["state"] == "unexplained"
-    assert f"{planted['effect']} would explain it" in verdict["joints"][joint]["reason"]
+    assert f"{planted['effect'].replace('_', ' ')} would explain it" in verdict["joints"][joint]["reason"]
 
 
 def test_a_name_next_to_an_effect_of_unbelievable_size_stays(record, monkeypatch):
@@ -124,4 +124,4 @@ def test_a_name_next_to_an_effect_of_unbelievable_size_stays(record, monkeypatch
     verdict = diagnose(folder).verdict
     assert [(e["joint"], e["effect"]) for e in verdict["verdict"]] == [("a", "presliding_hysteresis")]
     assert verdict["joints"]["a"]["state"] == "unexplained"
-    assert "joint_elasticity would explain it" in verdict["joints"]["a"]["reason"]
+    assert "joint elasticity would explain it" in verdict["joints"]["a"]["reason"]

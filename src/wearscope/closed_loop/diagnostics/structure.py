@@ -22,6 +22,7 @@ from wearscope.closed_loop.intake.prepared import Prepared
 from wearscope.closed_loop.model.prediction import find_repeats, predict_full
 from wearscope.closed_loop.model.regression import Regression
 from wearscope.closed_loop.model.terms import ModelTerm
+from wearscope.effects.vocabulary import say_effect
 
 State = Literal["explained", "corrected", "unexplained", "not_judged"]
 
@@ -138,6 +139,6 @@ def _from_withdrawn(
     seen = []
     for term, share, why in (one for one in withdrawn if one[0].joint == joint):
         depends = list(dict.fromkeys(term.effect.name_signals(term.shape, prepared.dataset.joints, joint)))
-        told = f"{term.effect.name} fits the training runs, but is left out: {why}"
+        told = f"{say_effect(term.effect.name)} fits the training runs, but is left out: {why}"
         seen.append(Seen(share, depends, told))
     return seen

@@ -32,6 +32,7 @@ from wearscope.closed_loop.inference.splines import PAST, Splines
 from wearscope.closed_loop.inference.term import Term
 from wearscope.closed_loop.model.terms import make_candidate
 from wearscope.effects.base import MeasurementEffect
+from wearscope.effects.vocabulary import say_effect
 
 #: Largest number of rounds in which names and reversals are settled in turn.
 _TURNS = 3
@@ -333,7 +334,7 @@ def _compare_unbelievable(moves: Moves, model: Model) -> tuple[Model, dict[int, 
             divided = [t for t in own if t not in made.terms]
             if divided and term in made.terms:
                 depends = term.effect.name_signals(term.model_term.shape, joints, joint)
-                told = f"{term.effect.name} would explain it: {extension.refusal}"
+                told = f"{say_effect(term.effect.name)} would explain it: {extension.refusal}"
                 share = _share(made.without(term), made, [joint])
                 left[joint] = Left(share, list(dict.fromkeys(depends)), told)
                 model = moves.prune(model.has([t for t in model.terms if t not in divided]).rescale())
@@ -362,17 +363,17 @@ def _suspect_rest(
             effect = extension.term.effect
             if extension.refusal and gain > 0.0 and joint not in left:
                 depends = effect.name_signals(extension.term.model_term.shape, names, joint)
-                told = f"{effect.name} would explain it: {extension.refusal}"
+                told = f"{say_effect(effect.name)} would explain it: {extension.refusal}"
                 left[joint] = Left(share, list(dict.fromkeys(depends)), told)
             elif not extension.refusal and gain + moves.score.find_odds(made, extension.term) > 0.0:
-                able.append((share, effect.name, gain))
+                able.append((share, say_effect(effect.name), gain))
         if able and joint not in left:
             share, _, gain = max(able)
             likely = dict.fromkeys(name for _, name, _ in sorted(able, reverse=True))
             suspected[joint] = (
-                f"{' or '.join(likely)} would remove "
-                f"{100 * share:.0f} % of the squared error that is left; that is too uncertain for a name "
-                f"(odds of {np.exp(min(gain, 0.0)):.2g} to 1), and longer or more training runs can decide it"
+                f"{' or '.join(likely)} would remove {100 * share:.0f} % of the squared error that is left; "
+                f"that is too uncertain for a name (odds against it: {tell_odds(max(-gain, 0.0))}), and longer "
+                "or more training runs can decide it"
             )
         for spline in moves.splines.list_terms(model, joint, moves.score, every=True):
             made = model.extend(spline)

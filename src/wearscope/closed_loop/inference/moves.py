@@ -22,7 +22,7 @@ from wearscope.closed_loop.inference.splines import Splines
 from wearscope.closed_loop.inference.term import Term, find_reach
 from wearscope.closed_loop.intake.direction import Reversals
 from wearscope.closed_loop.model.terms import make_candidate
-from wearscope.effects.vocabulary import TITLES
+from wearscope.effects.vocabulary import say_effect
 
 #: Number of extensions scored at each step: those that gain most on the rows they are fitted on.
 TOP = 8
@@ -124,7 +124,7 @@ class Moves:
 
     def name(self, term: Term) -> str:
         """A term in words, with its joint."""
-        what = TITLES.get(term.effect.name, term.effect.name.replace("_", " "))
+        what = say_effect(term.effect.name)
         joint = self.splines.prepared.dataset.joints[term.joint]
         return f"{what} of the whole robot" if term.effect.per_robot else f"{what} at {joint}"
 
