@@ -372,8 +372,8 @@ def _suspect_rest(
             likely = dict.fromkeys(name for _, name, _ in sorted(able, reverse=True))
             suspected[joint] = (
                 f"{' or '.join(likely)} would remove {100 * share:.0f} % of the squared error that is left; "
-                f"that is too uncertain for a name (odds against it: {tell_odds(max(-gain, 0.0))}), and longer "
-                "or more training runs can decide it"
+                f"that is too uncertain for a name (odds against it: {tell_odds(max(-gain, 0.0))}), and "
+                "longer or more training runs can decide it"
             )
         for spline in moves.splines.list_terms(model, joint, moves.score, every=True):
             made = model.extend(spline)
