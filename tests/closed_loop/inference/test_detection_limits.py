@@ -52,5 +52,5 @@ def test_what_is_too_uncertain_for_a_name_is_noted(record_at, tmp_path):
     (note,) = notes[SMALL]
     reason = verdict["joints"]["a"]["reason"]
     assert note == f"a: {reason}."
-    assert "joint_spring" in reason
+    assert "joint spring" in reason
     assert verdict["joints"]["a"]["state"] == "explained"
