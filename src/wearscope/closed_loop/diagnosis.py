@@ -41,6 +41,8 @@ RESIDUAL_UNITS = {"t": "s"}
 _FAR = 0.1
 #: Delays of several joints count as one delay where they differ by less than this share.
 _ALIKE = 0.2
+#: Share of the held-out squared error without which the RMS error is half: what removes as much is not zero.
+_HALVED = 0.75
 #: Times that the search goes on with another load.
 _LOADS = 3
 #: Quantile of a normal distribution that 5 % exceed.
@@ -283,7 +285,7 @@ def conclude(
     declared = fit_declared_model(prepared, problem.declared_terms, problem.inertial, problem.layout.blocks)
     if any(term.is_measurement_error for term in declared.entries):
         declared = refit(declared, declared.entries)
-    answer, proposed, determined = replace_undetermined(declared, answer)
+    answer, proposed, determined = drop_undetermined(declared, answer)
     equivalent = [f.equivalent for f in determined]
     proposed, equivalent = settle_rests(problem, proposed, len(declared.entries), equivalent)
     terms = proposed.entries[len(declared.entries) :]
@@ -304,22 +306,6 @@ def conclude(
         prepared, policy, named, before, proposed, after, problem, answer, apart,
         [one for one in impossible if one.is_significant], helped, late=late,
     )  # fmt: skip
-
-
-def replace_undetermined(declared: Regression, answer: Answer) -> tuple[Answer, Regression, list[Found]]:
-    """The answer, the declared model with its names, and the names that the runs determine.
-
-    A name whose coefficients may be zero can stand in the place of another one, which is then tried.
-    """
-    why = "its coefficients may be zero"
-    while True:
-        proposed, determined = drop_undetermined(declared, answer)
-        kept = {id(f.term) for f in determined}
-        terms = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
-        replaced = answer.replace(terms, why)
-        if replaced is None:
-            return answer.without(terms, why), proposed, determined
-        answer = replaced
 
 
 def _withhold(term: ModelTerm, mark: Marked, apart: Mapping[int, Contradiction]) -> Marked:
@@ -360,13 +346,14 @@ def settle_rests(
     return after, left
 
 
-def drop_undetermined(before: Regression, answer: Answer) -> tuple[Regression, list[Found]]:
-    """The declared model with the terms found, without names whose coefficients may all be zero.
+def drop_undetermined(before: Regression, answer: Answer) -> tuple[Answer, Regression, list[Found]]:
+    """The answer, the declared model with its names, and the names whose coefficients differ from zero.
 
     Held-out runs test a prediction; a name states a parameter, which must differ from zero next to the other
-    names. What may be there without a name is in the interval that is told: the search has weighed it against
-    the name. The rows are weighed by the residual with the terms found: that of the declared model would
-    weigh them too little against the prior of the inertial parameters.
+    names. Plain friction without a name is in the interval that is told: the search has weighed it against
+    the name. An interval is of first order, so a name that halves the error (RMS) stays in any case. The rows
+    are weighed by the residual with the terms found: that of the declared model would weigh them too little
+    against the prior of the inertial parameters.
     """
     found, most_rows = list(answer.found), answer.score.policy.most_rows
     base = Regression(before.prepared, before.entries, answer.sigma, before.inertial, before.blocks)
@@ -376,9 +363,13 @@ def drop_undetermined(before: Regression, answer: Answer) -> tuple[Regression, l
         doubtful = [
             (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not (f.term.effect.empirical or f.term.effect.per_robot) and e.sureness < 1.0
+            if not (f.term.effect.empirical or f.term.effect.per_robot)
+            and e.sureness < 1.0
+            and f.share < _HALVED
         ]
         if not doubtful:
-            return after, found
+            break
         del found[min(doubtful)[1]]
-    return before, []
+    kept = {id(f.term) for f in found}
+    lost = [t for t in answer.model.terms if not (id(t) in kept or t.effect.is_in_every_drive)]
+    return answer.without(lost, "its coefficients may be zero"), after if found else before, found

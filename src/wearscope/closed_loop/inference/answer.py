@@ -19,9 +19,7 @@ from wearscope.closed_loop.inference.gram import ROUNDING
 from wearscope.closed_loop.inference.motion_dependence import Dependence, find_dependence
 from wearscope.closed_loop.inference.moves import (
     SURELY,
-    TOP,
     Moves,
-    is_complete,
     list_alternatives,
     tell_odds,
 )
@@ -105,26 +103,6 @@ class Answer:
         """The model's terms; no model can hold the past, but names are judged next to it."""
         whole = self.model.has([*self.model.terms, *self._past])
         return [_judge(self._moves, whole, t) for t in self.model.terms]
-
-    def replace(self, terms: Sequence[Term], why: str) -> "Answer | None":
-        """The answer with the most probable other term at its joint in the place of each of some terms.
-
-        A replacement only imitates a term that removes a larger share of what it leaves than it removes
-        itself. A term without a replacement stays in the model; None where all do.
-        """
-        moves = replace(self._moves, refused=self._moves.refused | {t.key: why for t in terms})
-        model = self.model
-        for term in terms:
-            rest = model.without(term)
-            best, gain = moves.choose(rest, moves.list_extensions(rest, [term.joint])[:TOP], rest)
-            if best is None or not is_complete(rest):
-                continue
-            made = moves.refine(rest.extend(best), best)
-            joints = term.candidate.joints
-            if _share(made, model, joints) < _share(rest, made, joints):
-                moves.tell(f"{moves.name(term)} is replaced by {moves.name(best)}", gain)
-                model = made.rescale()
-        return None if model is self.model else replace(self, model=model, _moves=moves)
 
     def without(self, terms: Sequence[Term], why: str) -> "Answer":
         """The answer whose model lacks some terms; what they explain is then told as left."""
@@ -211,7 +189,10 @@ def find_terms(
         before = {t.key for t in model.terms}
         model = moves.settle(moves.suit_laws(moves.split(moves.climb(model))))
         if {t.key for t in model.terms} == before:
-            break
+            rest = moves.drop_unbelievable(model)
+            if rest is None:
+                break
+            model = rest
     model = moves.settle(moves.explain_rest(model))
     past = [t for t in model.terms if t.effect.name == PAST.name]
     left = {t.joint: _tell_past(problem, model, t) for t in past}

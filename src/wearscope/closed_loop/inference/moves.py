@@ -79,7 +79,6 @@ class Moves:
                 or self.drop(model)
                 or self.swap(model)
                 or self.add_pair(model)
-                or self.drop_unbelievable(model)
                 or self.refuse_delays(model)
             )
             if moved is None:

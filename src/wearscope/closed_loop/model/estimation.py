@@ -143,16 +143,13 @@ def _list_plain(model: Regression) -> list[np.ndarray]:
     return columns
 
 
-def _shape_gradients(
-    model: Regression, theta: np.ndarray, free: bool
-) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
+def _shape_gradients(model: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
     """Derivative (M, n) by run of the prediction with respect to each free shape, and the shape's place."""
     train = model.prepared.runs_for("train")
     gradients: list[list[np.ndarray]] = [[] for _ in train]
     owners = []
     for i, (entry, span) in enumerate(zip(model.entries, model.spans, strict=True)):
-        fixed = entry.effect.empirical or not free
-        for k in [] if fixed else entry.effect.estimated_shapes(entry.subset):
+        for k in [] if entry.effect.empirical else entry.effect.estimated_shapes(entry.subset):
             owners.append((i, k))
             step = 1e-3 * max(abs(entry.shape[k]), 1e-12)
             shapes = np.array([entry.shape, entry.shape])
@@ -192,12 +189,11 @@ def estimate_jointly(model: Regression, most_rows: float = np.inf, conditional: 
     most_rows : float
         Most independent rows of a joint that count; all by default.
     conditional : bool
-        Whether the intervals are conditional on the names and on their shapes; else they include free shapes,
-        and plain friction without a name. It is True where a coefficient is compared with zero: the search
-        has weighed other names against it, and at zero its shape has no meaning (Davies 1987, Biometrika 74).
+        Whether the intervals are conditional on the names; else they include plain friction without a name.
+        It is True where a coefficient is compared with zero: the search has weighed that friction against it.
     """
     theta = model.solve()
-    extra, owners = _shape_gradients(model, theta, not conditional)
+    extra, owners = _shape_gradients(model, theta)
     reversals, precision = _reversal_gradients(model, theta)
     plain = [g[:, :, :0] for g in reversals] if conditional else _list_plain(model)
     precision = np.concatenate([precision, np.zeros(plain[0].shape[2])])
