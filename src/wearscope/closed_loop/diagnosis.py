@@ -41,8 +41,6 @@ RESIDUAL_UNITS = {"t": "s"}
 _FAR = 0.1
 #: Delays of several joints count as one delay where they differ by less than this share.
 _ALIKE = 0.2
-#: Share of the held-out squared error without which the RMS error is half: what removes as much is not zero.
-_HALVED = 0.75
 #: Times that the search goes on with another load.
 _LOADS = 3
 #: Quantile of a normal distribution that 5 % exceed.
@@ -351,9 +349,8 @@ def drop_undetermined(before: Regression, answer: Answer) -> tuple[Answer, Regre
 
     Held-out runs test a prediction; a name states a parameter, which must differ from zero next to the other
     names. Plain friction without a name is in the interval that is told: the search has weighed it against
-    the name. An interval is of first order, so a name that halves the error (RMS) stays in any case. The rows
-    are weighed by the residual with the terms found: that of the declared model would weigh them too little
-    against the prior of the inertial parameters.
+    the name. The rows are weighed by the residual with the terms found: that of the declared model would
+    weigh them too little against the prior of the inertial parameters.
     """
     found, most_rows = list(answer.found), answer.score.policy.most_rows
     base = Regression(before.prepared, before.entries, answer.sigma, before.inertial, before.blocks)
@@ -363,9 +360,7 @@ def drop_undetermined(before: Regression, answer: Answer) -> tuple[Answer, Regre
         doubtful = [
             (e.sureness, k)
             for k, (e, f) in enumerate(zip(estimates, found, strict=True))
-            if not (f.term.effect.empirical or f.term.effect.per_robot)
-            and e.sureness < 1.0
-            and f.share < _HALVED
+            if not (f.term.effect.empirical or f.term.effect.per_robot) and e.sureness < 1.0
         ]
         if not doubtful:
             break
