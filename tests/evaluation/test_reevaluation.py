@@ -160,7 +160,7 @@ def test_a_correction_that_changes_nothing_changes_no_answer(sides):
     assert not table["p_nearer"].between(0.95, 1.0).any()
     one = Reevaluation(table, compare_ranking(same, "r"), pd.DataFrame())
     assert tell_headline(one).startswith("The best detector stays the same.")
-    assert tell_headline(one).endswith("No signal-to-noise ratio changes.")
+    assert tell_headline(one).endswith("No change of a signal-to-noise ratio is sure.")
 
 
 def test_without_a_truth_no_side_is_called_nearer(sides):
@@ -168,7 +168,7 @@ def test_without_a_truth_no_side_is_called_nearer(sides):
     table = compare_sides(two, "r", PAPER_FACTORS)
     assert table[["truth", "p_nearer"]].isna().all(axis=None)
     said = count_truth(Reevaluation(table, compare_ranking(two, "r"), pd.DataFrame()))
-    assert said == "Which side is nearer to the truth cannot be said: the real machine's cannot be simulated."
+    assert said == "The truth of a real machine is unknown, so which side is nearer to it cannot be said."
 
 
 def test_drawn_models_take_the_rest_of_their_response_from_the_side_s_own():
